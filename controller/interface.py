@@ -222,8 +222,8 @@ async def open_cell(
     cell_file : cell file (default: the emulated cell)
     parts : CAD files of parts on the emulated table
     at : planar pose of the first of them, ``X,Y,THETA_DEG`` [mm, degrees] (default: by the seed)
-    seed : of the emulated cell
-    speed : of the emulated cell, in times real time; real devices keep real time
+    seed : seed of the emulated cell
+    speed : speed of the emulated cell, in times real time; real devices keep real time
 
     Raises
     ------
@@ -283,7 +283,7 @@ def recognise_picture(
 
     Parameters
     ----------
-    picture : of the table
+    picture : picture of the table
     parts : CAD files of the parts it may show; any other object has ``part`` None
     lighting : ``backlit`` for a light table, ``front`` for lamps above a matt one, ``auto`` to
         decide by the picture

@@ -25,7 +25,7 @@ def make_pool(module: str = "", count: int = 1, niceness: int = 0) -> ProcessPoo
     Parameters
     ----------
     module : that a process imports when it starts, "" for what its first order needs
-    count : of worker processes
+    count : number of worker processes
     niceness : by how much they give way to others, as `nice` has it
     """
     return ProcessPoolExecutor(
@@ -45,7 +45,7 @@ def worker_pool(
     Parameters
     ----------
     module : that a process imports when it starts, "" for what its first order needs
-    count : of worker processes
+    count : number of worker processes
     niceness : by how much they give way to others, as `nice` has it
     """
     pool = make_pool(module, count, niceness)

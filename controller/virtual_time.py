@@ -53,7 +53,7 @@ class VirtualTimeLoop(asyncio.BaseEventLoop):
         Parameters
         ----------
         delay : until then [s]
-        callback : what to call
+        callback : function to call
         *args : with what
         context : in which it is called
         """

@@ -93,7 +93,7 @@ class YamlText:
     Attributes
     ----------
     tree : mappings, lists and scalars
-    lines : of each key and item, counted from 1
+    lines : lines of each key and item, counted from 1
     """
 
     path: Path

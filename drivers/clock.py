@@ -44,7 +44,7 @@ class CellClock:
         device shares the host without sharing a clock [s]
     shared : the clock of an emulated cell; None: the wall clock, times ``speed``
     monotonic : reads the wall clock [s]; where the event loop has a time of its own, that one
-    beat_wall_s : how often a loop is looked at for being late, while somebody attends
+    beat_wall_s : interval at which a loop is checked for lateness while it is attended
     """
 
     speed: float = 1.0
@@ -153,10 +153,10 @@ class CellClock:
 
         Parameters
         ----------
-        futures : what may end the pause; left running when the time is over
+        futures : futures that may end the pause; left running when the time is over
         duration_s : the pause [cell s]; infinite waits without a limit
         return_when : which of the futures end it, as in `asyncio.wait`
-        looks_again : what is missing then counts as silent: take the last look of a `timeout`
+        looks_again : True if missing data then counts as silence: take the last look of a `timeout`
         """
         if duration_s == math.inf:
             await asyncio.wait(futures, return_when=return_when)

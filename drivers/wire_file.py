@@ -37,10 +37,10 @@ class WireRow:
     ----------
     at_s : instant on the cell's clock [s]
     wire : name of the wire, or what else it is about
-    kind : of the event, see docs/wires.md
-    info : what else is known of it
-    size : of its data [bytes]
-    place : of its data, for `WireReader.data`
+    kind : kind of the event, see docs/wires.md
+    info : further fields
+    size : size of its data [bytes]
+    place : place of its data, for `WireReader.data`
     """
 
     at_s: float
@@ -56,7 +56,7 @@ class WireWriter:
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
 
     Raises
     ------
@@ -148,12 +148,12 @@ class WireReader:
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
 
     Attributes
     ----------
     rows : all rows, in order
-    is_whole : whether the writer closed it
+    is_whole : True if the writer closed it
 
     Raises
     ------

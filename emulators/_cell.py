@@ -76,11 +76,12 @@ class CellOptions:
     rest : number in each part's own ``rests``, None for a likely one at random
     orientation : (3, 3) CAD -> upright, of the first part at rest; None to take ``rest``
     at : x, y [mm] and turn [rad] of the first part, None for anywhere
-    feed : how often each part is put back once one is in a tray, as if someone emptied the tray
-        and brought the next part of a kind that the seed draws; of further parts not at all
+    feed : number of times that each part is put back once one is in a tray, as if someone emptied
+        the tray and brought the next part of a kind that the seed draws; 0 for further parts
     on_table : parts on the table at a time, the others wait; None for all
     as_built : seed of how the cell differs from its file; None for not at all
-    surfaces : of parts in pictures; None for machined where the cell is as built, else plain
+    surfaces : surfaces of parts in pictures; None for machined where the cell is as built, else
+        plain
     is_on_wall_clock : time waits neither for clients nor for pictures, as in a real cell
     """
 
@@ -155,7 +156,7 @@ class Cell:
 
     Parameters
     ----------
-    options : what it is to be
+    options : options of the emulated cell
     folder : for what its wires need on the disk
     clock : world time, where that is not to be shared with other processes
 

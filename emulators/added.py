@@ -77,7 +77,7 @@ class AddedParts:
         Parameters
         ----------
         path : the board's own file
-        scale : of its print, as a printer that enlarges; None: as its misprint, if it has one
+        scale : scale of its print, as a printer that enlarges; None: as its misprint, if it has one
 
         Raises
         ------
@@ -109,9 +109,9 @@ class AddedParts:
         ----------
         index : number of the board
         at_mm : x and y of the origin of its frame; None: its middle is over the drop area's
-        theta_rad : of its x axis against the world's
+        theta_rad : theta of its x axis against the world's
         tilt_rad : about its x axis; other than 0, something unseen holds it up
-        seed : of a person's error in placing it; None: none
+        seed : seed of a person's error in placing it; None: none
         """
         board, layout = self._boards[index], self._world.layout
         middle = ((board.low_mm + board.high_mm) / 2.0)[:2]
@@ -134,8 +134,8 @@ class AddedParts:
         ----------
         index : number of the board or part
         gripper : ``arm`` or ``fixture``
-        axis : of the part's CAD frame, to be along the jaws' axis; a board has its own
-        seed : of a person's error in holding it there; None: none
+        axis : axis of the part's CAD frame, to be along the jaws' axis; a board has its own
+        seed : seed of a person's error in holding it there; None: none
 
         Raises
         ------

@@ -58,11 +58,11 @@ class AsBuilt:
     Attributes
     ----------
     layout : the cell file's, with everything where it really is
-    arm : how the arm differs from its description
-    lamps : how the light of each lamp follows its orders
-    oversize_mm : of the longest edge of every part
-    tilt_rad : of the table against all else, about x and y
-    fixed_jaws : how far the fixed gripper's opening is off what it reads
+    arm : differences of the arm from its description
+    lamps : response of each lamp to its orders
+    oversize_mm : oversize of the longest edge of every part
+    tilt_rad : tilt of the table against all else, about x and y
+    fixed_jaws : error of the fixed gripper's opening against its reading
     """
 
     layout: Layout
@@ -131,7 +131,7 @@ def draw_as_built(layout: Layout, seed: int) -> AsBuilt:
 
     Parameters
     ----------
-    layout : of the cell file
+    layout : layout of the cell file
     seed : decides all differences; the same seed builds the same cell
     """
     draw = _Draw(seed)

@@ -24,9 +24,9 @@ class ByteFault:
 
     Attributes
     ----------
-    harm : what happens
+    harm : harm to the byte
     bit : which bit is flipped, 0 the lowest
-    late_s : how much later the byte comes, and all that follow it [world s]
+    late_s : delay of the byte and of all that follow it [world s]
     """
 
     harm: Harm
@@ -60,7 +60,7 @@ class LineNoise:
     ----------
     planned : faults to come, each with the number of bytes that still pass before it
     probability : that a byte suffers one of ``harms`` by chance
-    harms : what chance does to bytes, all equally likely
+    harms : harms that chance does to bytes, all equally likely
     rng : draws for chance alone
     harmed_count : bytes harmed so far
     """

@@ -73,7 +73,7 @@ def make_fixed_gripper(
     Parameters
     ----------
     choice : as the cell file has it; None if the cell's gripper is a real one
-    errors : of its opening; an OnRobot RG, whose fingertips its own settings know, has none
+    errors : errors of its opening; an OnRobot RG, whose fingertips its own settings know, has none
 
     Raises
     ------

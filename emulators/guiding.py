@@ -39,11 +39,11 @@ def aimed_at(
 
     Parameters
     ----------
-    layout : of the cell as it really stands
+    layout : layout of the cell as it really stands
     tcp_mm : (3,) where they are now
     tray : in whose corner; None for the table right below
     corner : -1 or 1 along x and y
-    seed : of how well the person aims
+    seed : seed of how well the person aims
 
     Raises
     ------
@@ -74,7 +74,7 @@ def guide(arm: ArmModel, layout: Layout, to_mm: Array) -> None:
     Parameters
     ----------
     arm : without drive
-    layout : of the cell
+    layout : layout of the cell
     to_mm : (3,) where to
 
     Raises

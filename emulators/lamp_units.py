@@ -37,7 +37,7 @@ class LampUnit:
     Attributes
     ----------
     modules : by the names that faults know them by
-    supply : what the lamps get of them
+    supply : supply of the lamps
     steppable : those in which time passes
     """
 

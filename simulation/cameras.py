@@ -25,7 +25,7 @@ class Plugs:
 
     Attributes
     ----------
-    cameras : of the emulated cell, by name
+    cameras : cameras of the emulated cell, by name
     """
 
     def __init__(self) -> None:
@@ -46,9 +46,9 @@ class TruthCamera:
 
     Parameters
     ----------
-    name : of the camera in the cell file
+    name : name of the camera in the cell file
     cell : the emulated cell that it looks at
-    clock : of the cell
+    clock : clock of the cell
     """
 
     def __init__(self, name: str, cell: Cell, clock: CellClock) -> None:

@@ -69,7 +69,7 @@ class Case:
     ----------
     seed : decides all that is not said here
     kill : when the first controller is killed; None for no kill
-    recovery : what the next start does with a part in a gripper
+    recovery : decision of the next start on a part in a gripper
     starts : of controllers, at most
     fault : name in `FAULTS`, with the state that it befalls; None for none
     before : a fault that comes earlier, with its state, so that the state of `fault` is reached
@@ -98,19 +98,19 @@ class Ended:
 
     Attributes
     ----------
-    ends : how each start ended: the batch's end and its code, or the error it broke off with
-    messages : of these ends
+    ends : end of each start: the batch's end and its code, or the error it broke off with
+    messages : messages of these ends
     truth : of the part, at the end
     violations : as sentences
     killed_in : state and last row of the controller that was killed
-    custody_at_kill : who had the part then
+    custody_at_kill : holder of the part at that time
     caused : the faults that befell the cell
     recoveries : part faults that controllers recovered from
-    verdict : of the part, empty without one
+    verdict : verdict of the part, empty without one
     holds : in order, with what was drawn for them
-    cell_s : how long it took
-    steps : of the loop
-    digest : of the journal
+    cell_s : duration
+    steps : steps of the loop
+    digest : digest of the journal
     """
 
     case: Case
@@ -144,7 +144,7 @@ def run_case(case: Case, folder: Path | None = None) -> Ended:
 
     Parameters
     ----------
-    case : what is to happen
+    case : case to simulate
     folder : where journal and files go, left there; None for a temporary one
     """
     where = Path(tempfile.mkdtemp(prefix="cellctl-simulation-", dir=_memory()))

@@ -100,8 +100,8 @@ class SimulatedCell:
     Parameters
     ----------
     loop : that it lives on
-    seed : of the world and of all noise
-    scene : what lies on the table
+    seed : seed of the world and of all noise
+    scene : parts on the table
     folder : for the journal and the files of runs
     as_built : seed of how it differs from its file; None: it stands as drawn
 
@@ -283,7 +283,7 @@ class Controller:
     ----------
     process : everything that it starts
     task : the batch, once started
-    state : of the cell, as the operator sees it
+    state : state of the cell, as the operator sees it
     notices : sentences for the operator
     row_count : rows it has written to the journal
     on_state : called with each state that the cell enters

@@ -157,7 +157,7 @@ class Cause:
 
     Attributes
     ----------
-    caused : what befell the cell, in order
+    caused : causes of the faults in the cell, in order
     """
 
     cell: SimulatedCell
@@ -217,7 +217,7 @@ class Cause:
         ----------
         controller : whose state counts
         state : as the operator sees it; or `STANDING`, or `IN_FIXED`
-        fault : what befalls the cell
+        fault : fault in the cell
         then : called right afterwards
         """
         if state == STANDING:

@@ -35,8 +35,8 @@ class Hold:
     ----------
     gripper : ``arm`` or ``fixture``
     kind : the gripper, and whether it took the part over from the other one
-    fault : what is drawn for it: one of `KINDS`, or none
-    alone_s : how long the gripper has had the part alone, once that is over [s]
+    fault : fault drawn for it: one of `KINDS`, or none
+    alone_s : time that the gripper has had the part alone, once that is over [s]
     was_hit : the fault took place
     since_s : since when the gripper has the part alone; None: it does not
     """
@@ -63,7 +63,7 @@ class Holds:
     cause : befalls the cell
     rate : share of holds that fail, 0..1
     rng : draws which, how and when
-    lengths : how long holds last alone without faults, by kind and in order [s]
+    lengths : durations of holds by one gripper alone without faults, by kind and in order [s]
 
     Attributes
     ----------

@@ -42,8 +42,8 @@ class SimulatedProcess:
 
     Attributes
     ----------
-    is_alive : whether its tasks run
-    step_count : of its tasks and callbacks so far
+    is_alive : True if its tasks run
+    step_count : number of steps of its tasks and callbacks so far
     late_until_s : nothing of it runs before, as after SIGSTOP or in a pause of the collector
     """
 

@@ -21,7 +21,7 @@ def cut_power(journal: Path, rng: random.Random) -> int:
 
     Parameters
     ----------
-    journal : of a controller that was killed
+    journal : journal of a controller that was killed
     rng : draws how many of them are lost
     """
     head = journal.with_name(journal.name + ".head")

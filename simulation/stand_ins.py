@@ -83,8 +83,8 @@ def stamped_picture(
 
     Parameters
     ----------
-    T_world_part : (4, 4) of the first part, None for one that is away
-    custody : who has it, one of `HOLDERS`
+    T_world_part : (4, 4) pose of the first part, None for one that is away
+    custody : holder of it, one of `HOLDERS`
     further : the same of further parts
     is_dark : no light reached the sensor, so that the picture shows nothing
     """
@@ -146,12 +146,12 @@ class StandIns(Compute):
     ----------
     job : which recipe on which cell
     pool : for what is really computed; ignored by a loop that has no processes
-    noise : of recognition
+    noise : noise of recognition
     rng : draws it
     planned : poses (4, 4) of which plans are kept: a part this near to one, within the noise, is
         recognised exactly there
-    takes_s : how long the worker takes for a question, from and to [s]; nothing where not named
-    number : of the recipe's part in the world
+    takes_s : range of the worker's time for a question, from and to [s]; no delay where not named
+    number : number of the recipe's part in the world
 
     Attributes
     ----------

@@ -142,8 +142,8 @@ def _unaliased(alias: Any, args: tuple[object, ...]) -> object:  # noqa: ANN401 
 
     Parameters
     ----------
-    alias : of `typing` or of typing_extensions
-    args : what stands in its brackets, none where it has no brackets
+    alias : alias of `typing` or of typing_extensions
+    args : contents of its brackets; empty if it has none
     """
     value = alias.__value__
     if not args:

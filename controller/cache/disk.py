@@ -58,7 +58,7 @@ class DiskCache(Generic[T]):
     Parameters
     ----------
     kind : dataclass of arrays, numbers, words, and of such dataclasses
-    prefix : of the files' names
+    prefix : prefix of the files' names
     what : name of such a value in messages
     special : codecs of types without annotations
     check : raises ValueError for a value of the right types that cannot be right; with a check,

@@ -116,7 +116,7 @@ def pack(tree: dict[str, Any], arrays: Mapping[str, AnyArray | Sequence[AnyArray
 
     Parameters
     ----------
-    tree : what JSON can hold
+    tree : JSON value
     arrays : by dtype, (n,) all arrays of it end to end, or these arrays, of one dimension each
 
     Raises

@@ -13,7 +13,7 @@ def components(count: int, a: NDArray[np.integer], b: NDArray[np.integer]) -> In
 
     Parameters
     ----------
-    count : of the nodes, numbered from 0
+    count : number of the nodes, numbered from 0
     a, b : (n,) nodes that are linked, pair by pair
     """
     graph = coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))

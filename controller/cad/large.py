@@ -36,7 +36,8 @@ def sums_by(labels: IntArray, values: FloatArray, count: int | None = None) -> F
     ----------
     labels : (n,) from 0
     values : (n, 3)
-    count : of the sums at least, however large the labels; None for as many as there are labels
+    count : number of the sums at least, however large the labels; None for as many as there are
+        labels
     """
     return np.column_stack(
         [np.bincount(labels, weights=values[:, i], minlength=count or 0) for i in range(3)]

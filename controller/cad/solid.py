@@ -37,7 +37,7 @@ class Solid:
     content_hash : SHA-256 of the file
     volume_mm3, centroid_mm : volume and its centroid (3,)
     faces, face_of_triangle : surfaces, and the surface each triangle belongs to (n,)
-    unit : what the file's lengths were in; all here are in mm
+    unit : length unit of the file; all lengths here are in mm
     unit_is_declared : False where millimetres are no more than the usual
     density_g_cm3 : where the file says it
     faces_are_complete : False where the search for surfaces ended before it was done, so that some
@@ -109,12 +109,12 @@ def make_solid(
     Parameters
     ----------
     mesh : in mm, CAD frame; corners at one position may be listed more than once
-    name : of the part
-    content_hash : of the file it came from
+    name : name of the part
+    content_hash : content hash of the file it came from
     where : its origin, for messages
     faces, face_of_triangle : the surfaces as the file itself names them (STEP), and the one each
         triangle (n,) is of; given together. None: they are found in the mesh
-    unit : what the file was in, for the record
+    unit : length unit of the file, for the record
     unit_is_declared : False: the size must make sense in mm
     density_g_cm3 : None where nobody has named it
 

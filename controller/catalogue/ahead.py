@@ -20,7 +20,7 @@ class Made:
 
     Attributes
     ----------
-    compiled : what came of compiling, None where the pool ended before
+    compiled : results of compiling; None where the pool ended first
     planned : the certificates are in the cache, too
     """
 
@@ -54,7 +54,7 @@ class Ahead:
 
     Parameters
     ----------
-    pool : who does it
+    pool : pool of worker processes
     works : the parts, in the order in which they are wanted
     """
 
@@ -74,7 +74,7 @@ class Ahead:
 
         Parameters
         ----------
-        number : of the part, from 0
+        number : number of the part, from 0
         """
         part = self._parts[number]
         while part.left and self.failure is None:

@@ -22,7 +22,7 @@ class Jobs:
 
     Attributes
     ----------
-    count : of processes on this machine; 1 is this process alone
+    count : number of processes on this machine; 1 is this process alone
     scheduler : address of a Dask scheduler, "" for none
     """
 
@@ -73,7 +73,7 @@ def open_pool(jobs: Jobs) -> Iterator[Pool | None]:
 
     Parameters
     ----------
-    jobs : how many, or where
+    jobs : number of processes, or their pool
 
     Raises
     ------

@@ -51,7 +51,7 @@ class Compiled:
     ----------
     seconds : that it took, on the worker's clock
     was_kept : it was in the cache already
-    error : why the part is refused, None if it is not
+    error : reason why the part is refused; None if it is not
     distinct : stable poses to certify, by index: of those that a symmetry makes one, the first
     """
 
@@ -66,7 +66,7 @@ def is_made(work: Work) -> bool:
 
     Parameters
     ----------
-    work : what is to be made of the part
+    work : operations to run on the part
     """
     path, options, camera = work.path, work.options, work.camera
     if not is_kept(path, options):
@@ -84,7 +84,7 @@ def compile_one(work: Work) -> Compiled:
 
     Parameters
     ----------
-    work : what is to be made of the part
+    work : operations to run on the part
     """
     began = time.perf_counter()
     try:
@@ -103,7 +103,7 @@ def prepare_one(work: Work) -> None:
 
     Parameters
     ----------
-    work : what is to be made of the part
+    work : operations to run on the part
     """
     _, planning = _planning(work)
     try:
@@ -117,7 +117,7 @@ def certify_some(work: Work, poses: Sequence[int]) -> None:
 
     Parameters
     ----------
-    work : what is to be made of the part
+    work : operations to run on the part
     poses : indices of the stable poses
     """
     part, planning = _planning(work)

@@ -12,7 +12,7 @@ class InterlockError(CellError):
 
     Attributes
     ----------
-    code : of the rule's alarm
+    code : code of the rule's alarm
     holds : it holds the run, which can go on once the rule holds again
     """
 
@@ -43,7 +43,7 @@ class PolicyAbortError(CellError):
 
     Attributes
     ----------
-    code : of the fault
+    code : code of the fault
     """
 
     def __init__(self, message: str, code: str) -> None:

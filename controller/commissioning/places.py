@@ -52,7 +52,7 @@ class TrayFit:
     ----------
     centre_mm : (2,)
     off_mm : the farthest corner from where centre and size have it
-    height_mm : of its floor, the mean of all touches
+    height_mm : height of its floor, the mean of all touches
     """
 
     centre_mm: FloatArray
@@ -133,9 +133,9 @@ def play_uncertainty_mm(layout: CellLayout, q: FloatArray, play_deg: Mapping[str
 
     Parameters
     ----------
-    layout : of the calibrated cell
+    layout : layout of the calibrated cell
     q : (6,) joints that were read
-    play_deg : of the gears of each motor
+    play_deg : play of the gears of each motor
     """
     here = tcp_pose(layout, q)[:2, 3]
     total = 0.0

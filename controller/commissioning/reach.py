@@ -21,7 +21,7 @@ class Unreached:
 
     Attributes
     ----------
-    name : of the place
+    name : name of the place
     why : in words
     """
 

@@ -46,9 +46,9 @@ def showing(
     layout : the cell
     scene : with the board in the gripper
     camera : that is to see it
-    T_tcp_board : (4, 4) of the printed pattern in the gripper, its z out of the print
-    middle_mm : (2,) of the pattern in its own frame
-    region : how far from the camera
+    T_tcp_board : (4, 4) pose of the printed pattern in the gripper, its z out of the print
+    middle_mm : (2,) middle of the pattern in its own frame
+    region : distance range from the camera
     count : enough of them
     rng : draws the poses
     margin_mm : to be kept from everything

@@ -40,8 +40,8 @@ class WorldSection(Section):
 
     Attributes
     ----------
-    origin_mm : of the board's frame; its z is the height of the print over the table, for every
-        flat board
+    origin_mm : origin of the board's frame; its z is the height of the print over the table, for
+        every flat board
     """
 
     image: str
@@ -60,7 +60,7 @@ class BoardSection(Section):
     Attributes
     ----------
     first_marker : id of the marker at the print's upper left; the others follow row by row
-    thickness_mm : of the plate, whose upper face bears the print
+    thickness_mm : thickness of the plate, whose upper face bears the print
     margin_mm : white around the print
     bare_mm : of the plate beyond the margin at the print's lower side, to hold it by
     back_first_marker : the same on the other face, whose print is the front's, seen from behind
@@ -162,8 +162,8 @@ class CalibrationTarget(BoardSection):
 
     Attributes
     ----------
-    images : how the board lies in each picture
-    world : what fixes the world frame (default: the first flat board)
+    images : poses of the board in the pictures
+    world : reference that fixes the world frame (default: the first flat board)
     """
 
     images: tuple[PictureSection, ...] = Field(min_length=1)

@@ -74,8 +74,8 @@ def cad_identity(name: str, sha256: str) -> str:
 
     Parameters
     ----------
-    name : of the part, ``file.step#NAME`` or without a body, as `CadSource.name` has it
-    sha256 : of the file; empty if it is not known
+    name : name of the part, ``file.step#NAME`` or without a body, as `CadSource.name` has it
+    sha256 : SHA-256 of the file; empty if it is not known
     """
     body = split_cad(Path(name)).body
     return sha256 if body is None or not sha256 else f"{sha256}{MARK}{body}"

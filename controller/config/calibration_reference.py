@@ -17,7 +17,7 @@ class CalibrationReference(Section):
     Attributes
     ----------
     file : its path, from the folder of the cell file
-    sha256 : of its bytes, so that neither is changed without the other
+    sha256 : SHA-256 of its bytes, so that neither is changed without the other
     """
 
     file: Annotated[str, Field(min_length=1, max_length=400)]

@@ -64,13 +64,13 @@ class CharacteristicSection(LimitsSection):
 
     Attributes
     ----------
-    id : of a characteristic, as `cellctl check` lists it; without its number all alike are meant
+    id : id of a characteristic, as `cellctl check` lists it; without its number all alike are meant
     faces : instead of `id`: the face of a hole or a boss, or the two planes of a distance
     kind : which of a feature's characteristics
     nominal : in place of the CAD model's
-    plus, minus : how far it may be above and below its nominal value
+    plus, minus : allowed deviation above and below its nominal value
     fit : class of tolerance, as H7
-    ignore : why it is not measured
+    ignore : reason why it is not measured
     """
 
     id: Name | None = None
@@ -106,8 +106,8 @@ class GivenSection(LimitsSection):
 
     Attributes
     ----------
-    id : of a characteristic of the part, or a name for the one at `p_part_mm`
-    kind, p_part_mm, axis : what it is, where, and its axis or direction, in the CAD frame
+    id : id of a characteristic of the part, or a name for the one at `p_part_mm`
+    kind, p_part_mm, axis : type, position, and axis or direction, in the CAD frame
     nominal_mm : in place of the CAD model's
     """
 

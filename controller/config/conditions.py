@@ -22,8 +22,8 @@ class Condition:
     Attributes
     ----------
     op : ``fact``, ``not``, ``and`` or ``or``
-    name : of the fact
-    parts : what is joined, or the one that is denied
+    name : name of the fact
+    parts : joined parts, or the one that is denied
     """
 
     op: Literal["fact", "not", "and", "or"]

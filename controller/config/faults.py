@@ -45,7 +45,8 @@ class FaultStep(Section):
     Attributes
     ----------
     do : the action
-    times : how often for one part before the next action of the list; not of one that ends it
+    times : number of times for one part before the next action of the list; no limit for an action
+        that ends the list
     delay_s : wait so long before it [cell s]
     """
 

@@ -96,8 +96,8 @@ def text_of(data: bytes, path: Path, *, is_lenient: bool = False) -> str:
 
     Parameters
     ----------
-    data : of the file
-    path : of the file, for the message
+    data : data of the file
+    path : path of the file, for the message
     is_lenient : as in `read_text`
 
     Raises
@@ -127,7 +127,7 @@ def parse_json(text: str | bytes, path: Path, what: str) -> Any:  # noqa: ANN401
     Parameters
     ----------
     text : of the file
-    path : of the file, for the message
+    path : path of the file, for the message
     what : that is expected, for the message
 
     Raises
@@ -182,7 +182,7 @@ def utf8_of(data: bytes) -> bytes:
 
     Parameters
     ----------
-    data : of the file; in a code page that agrees with ASCII it stays as it is
+    data : data of the file; in a code page that agrees with ASCII it stays as it is
     """
     encoding = encoding_of(data)
     if encoding != "utf-8-sig":
@@ -197,7 +197,7 @@ def encoding_of(data: bytes) -> str:
 
     Parameters
     ----------
-    data : of the file, its beginning at least
+    data : data of the file, its beginning at least
     """
     for mark, encoding in MARKS:
         if data.startswith(mark):

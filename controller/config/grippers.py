@@ -23,8 +23,8 @@ class FingersSection(Section):
     length_mm : along the approach
     width_mm : across the approach, in the plane of the pad
     thickness_mm : along the direction in which the pads open
-    pad_length_mm : of the pad, from the end of the finger
-    friction : of the pads against the parts; a recipe may name that of its part
+    pad_length_mm : length of the pad, from the end of the finger
+    friction : friction of the pads against the parts; a recipe may name that of its part
     compliance_mm : by which the pads give
     """
 

@@ -37,9 +37,10 @@ class InterlockRuleSection(Section):
     ----------
     when, require : conditions over the facts
     check : before a motion, during it, before a person's gripper is opened
-    on_unknown : what a requirement does that is neither known to be true nor to be false
-    then : what a violation during a motion does to the run: ends it, or holds it as an open door
-    words : what happened, and what to do
+    on_unknown : reaction to a requirement whose truth is unknown
+    then : reaction of the run to a violation during a motion: it ends, or is held as by an open
+        door
+    words : event, and what to do about it
     """
 
     when: ConditionText = "always"

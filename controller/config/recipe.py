@@ -37,7 +37,7 @@ class InspectionSection(Section):
     min_coverage : share of the surface that must have been compared for a pass, above 0
     not_inspected : faces that need not be inspected, by name as
         `cellctl compile` lists them, each with the reason
-    tolerance_class : of ISO 2768-1, for all that has no limits of its own
+    tolerance_class : tolerance class of ISO 2768-1, for all that has no limits of its own
     required : which characteristics a PASS needs to be verified: all, or those alone whose limits
         somebody stated, in the recipe or in the CAD file; the rest is measured where a view shows
         it, and still fails the part where it is beyond its limits
@@ -68,7 +68,8 @@ class GraspSection(Section):
     Attributes
     ----------
     force_n : with which grippers press on it; plans count on no more than the cell's have
-    friction : of the cell's pads against this part; None for what the cell file says of its pads
+    friction : friction of the cell's pads against this part; None for what the cell file says of
+        its pads
     width_tolerance_mm : jaws that stop further off than this hold something else
     """
 
@@ -86,9 +87,9 @@ class PapersSection(Section):
     Attributes
     ----------
     part_number : of the part in the customer's system
-    drawing_number, revision : of the drawing that states the tolerances
-    order_number : of the order that the parts are made for
-    gauge_id : of the cell in the list of gauges
+    drawing_number, revision : number and revision of the drawing that states the tolerances
+    order_number : number of the order that the parts are made for
+    gauge_id : id of the cell in the list of gauges
     """
 
     part_number: PaperNumber = ""
@@ -110,18 +111,18 @@ class Recipe(Section):
 
     Attributes
     ----------
-    name : of the product, for people
+    name : name of the product, for people
     part : CAD file, relative to the recipe; ``file.step#NAME`` is one body of a file of several,
         ``file.step#*`` all of them united
     unite : whether the bodies of the part's STEP file are united, as by ``#*``
     others : CAD files of other parts that may turn up on the table, named as `part`
-    unit : of CAD files that name none, such as STL; a file that names its unit keeps it
+    unit : unit of CAD files that name none, such as STL; a file that names its unit keeps it
     density_g_cm3 : of the material, for the part's weight (default: the CAD file's, else 2.7,
         aluminium)
     cell : cell file, relative to the recipe (default: that file beside the recipe, else the
         emulated cell that comes with cellctl)
-    grasp : how the part may be held; JSON keeps the old name
-    faults : what replaces the cell's policy about faults, class by class
+    grasp : grasp requirements; JSON keeps the old name
+    faults : overrides of the cell's fault policy, class by class
     papers : numbers that reports name the part by
     count : parts to inspect, where the command line names no number
     """

@@ -152,10 +152,10 @@ class SetView(Section):
 
     Attributes
     ----------
-    id : of the view; results name it
+    id : id of the view; results name it
     T_world_part : where the part is expected
     prior_mm, prior_deg : standard deviations of that
-    gripper_boxes : what holds the part and may stand in the picture
+    gripper_boxes : boxes of the gripper that may appear in the picture
     pictures : files by lamp, exactly one of them before a panel
     grasp : number of the grasp (default: by the boxes' poses at the part)
     camera : that took it (default: the set's)
@@ -183,7 +183,7 @@ class SetCalibration(Section):
     Attributes
     ----------
     stale : one sentence for each that was stale
-    why_not_verified : why its verification did not count
+    why_not_verified : reason why its verification did not count
     """
 
     stale: Annotated[tuple[str, ...], Field(max_length=20)] = ()
@@ -197,16 +197,16 @@ class ViewSetFile(Section):
     ----------
     schema_ : name and version of the form
     part : CAD file
-    unit : of a CAD file that names none; all other lengths are in mm
-    camera : of all views that name none
+    unit : unit of a CAD file that names none; all other lengths are in mm
+    camera : camera of all views that name none
     lamps : by name; panels, rings and spots
     views : in the order taken
     characteristics : to be measured (default: those that follow from the CAD file)
     recipe : with the limits to judge by, where no other is given
     unseen : by face id, why the plan could not show all of it
-    sample_count : of the surface, for `planned`
-    accuracy : what measuring with this camera is uncertain by
-    calibration : what of the cell's calibrations no longer counted when the pictures were taken
+    sample_count : number of samples of the surface, for `planned`
+    accuracy : uncertainty of measurements with this camera
+    calibration : calibrations of the cell that no longer counted when the pictures were taken
     """
 
     schema_: Literal["cellctl.views/1"] = Field(alias="schema")
@@ -292,7 +292,7 @@ def parse_view_set(path: Path, text: str) -> ViewSetFile:
 
     Parameters
     ----------
-    path : of its file, for messages and as the place that files are relative to
+    path : path of its file, for messages and as the place that files are relative to
     text : its content
 
     Raises

@@ -131,7 +131,7 @@ def load_with_lines(path: Path, model: type[Model], draft: str | None = None) ->
     Parameters
     ----------
     path : the file
-    model : what it is to hold
+    model : model of what it must hold
     draft : a text that may become the file's; None for what the file holds
 
     Raises

@@ -212,7 +212,7 @@ class PersonsLine:
 
     Parameters
     ----------
-    name : of the device
+    name : name of the device
     prompt : shows a request and returns whether the person has done it
     """
 

@@ -24,7 +24,7 @@ def write_report(findings: Findings, path: Path) -> list[Path]:
 
     Parameters
     ----------
-    findings : what came out
+    findings : results
     path : .html or .pdf; the JSON stands beside it
 
     Raises

@@ -48,9 +48,9 @@ class Figure:
     Attributes
     ----------
     value : None where the outcome is yes or no
-    unit : of the value
+    unit : unit of the value
     limit : largest value allowed
-    remark : what else was seen
+    remark : further remark
     """
 
     value: float | None = None
@@ -77,7 +77,7 @@ class Bounds:
     arm_silent_s : until a silent line of the arm is known
     stale_s : until an input that is read no more is unknown
     poll_s : from one reading of the inputs to the next
-    frame_late_s : how much later than rate and exposure explain a frame may come
+    frame_late_s : longest delay of a frame beyond what rate and exposure explain
     answer_s : until a silent device of another kind is known, or one that is back answers
     """
 
@@ -146,17 +146,17 @@ class Bench:
 
     Attributes
     ----------
-    name, kind : of the device in the cell file, and of `drivers.kinds`
+    name, kind : name and kind of the device in the cell file, and of `drivers.kinds`
     build : returns a new driver of it, not open
     clock : the cell's
     stopwatch : measures what is compared with a limit
-    bounds : how long things may take
+    bounds : time limits
     line : between driver and device, where it can be disturbed
-    facts : what the cell file has about it: ``lamps``, ``inputs``, ``capture``, ``arm_model``
+    facts : values of the cell file for it: ``lamps``, ``inputs``, ``capture``, ``arm_model``
     release : lets go of the lines that drivers were built on
     may_act : whether the device may be commanded; else its verbs raise `NotTriedError`
     device : the driver that is open now, behind that guard; None between two
-    answered : what `connect` returned last
+    answered : last result of `connect`
     """
 
     name: str
@@ -251,8 +251,8 @@ async def timed(bench: Bench, limit_s: float, doing: Awaitable[Any], what: str) 
     Parameters
     ----------
     bench : whose stopwatch it is
-    limit_s : how long it may take [cell s]
-    doing : what is awaited
+    limit_s : longest duration [cell s]
+    doing : activity awaited
     what : for the message
 
     Raises
@@ -279,9 +279,9 @@ async def known_silent(
     Parameters
     ----------
     bench : with the device, whose line is silent now
-    limit_s : how long it may take [cell s]
+    limit_s : longest duration [cell s]
     reading : returns the reading's awaitable
-    error : what it must raise
+    error : error that it must raise
 
     Raises
     ------
@@ -317,7 +317,7 @@ async def require_refused(
     bench : with the device
     what : the value, for the message
     call : returns the awaitable of the verb
-    tries : how often a try may be disturbed
+    tries : number of tries that may be disturbed
 
     Raises
     ------

@@ -46,10 +46,10 @@ class Outcome:
 
     Attributes
     ----------
-    name, text : of the requirement
+    name, text : name and text of the requirement
     verdict : `MET`, `NOT_MET` or `NOT_TRIED`
-    figure : what was measured, None unless it was met
-    message : why not
+    figure : measured value; None unless the bound was met
+    message : reason
     """
 
     name: str
@@ -110,7 +110,7 @@ async def try_requirement(bench: Bench, requirement: Requirement, *, may_move: b
     Parameters
     ----------
     bench : with the device
-    requirement : of its kind
+    requirement : requirement of its kind
     may_move : whether metal may move
     """
 
@@ -144,7 +144,7 @@ class Suite:
     ----------
     path : cell file
     only : names of the devices to try, empty for all
-    speed : of the emulated cell, times real time
+    speed : speed of the emulated cell, times real time
     allow_motion : whether metal may move at all
     prompt : shows a request, returns whether a person agrees or has done it
 

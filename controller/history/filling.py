@@ -51,7 +51,7 @@ class Filled:
     Attributes
     ----------
     part_count : parts written, new or once more
-    problems : what did not go in, and why, as sentences
+    problems : sentences on what was not stored, and why
     """
 
     part_count: int = 0

@@ -60,7 +60,7 @@ def migrate(db: Connection, version: int) -> None:
     Parameters
     ----------
     db : open for writing
-    version : of the store now
+    version : version of the store now
     """
     for step in MIGRATIONS[version - 1 :]:
         step(db)

@@ -119,8 +119,8 @@ def list_parts(
     ----------
     store : to read
     filters : which parts
-    limit : how many at most
-    skipped : how many of the list come before them
+    limit : largest number
+    skipped : number of entries of the list before them
     sort : one of `SORTS`
     is_rising : from the least on
 

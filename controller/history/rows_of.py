@@ -39,7 +39,7 @@ class PartRows:
     ----------
     part : of `PARTS`, but for `run_no`, `part_id` and `read_seq`
     of_part : of the other tables, but for `part_id`; measurements name their characteristic by key
-    characteristics : of `CHARACTERISTICS`, by key
+    characteristics : characteristics of `CHARACTERISTICS`, by key
     """
 
     number: int

@@ -23,7 +23,7 @@ class Store:
 
     Parameters
     ----------
-    url : of SQLAlchemy, as ``postgresql+pg8000://user@host/name``
+    url : URL of SQLAlchemy, as ``postgresql+pg8000://user@host/name``
 
     Raises
     ------
@@ -123,7 +123,7 @@ def store_url(runs_dir: Path, named: str | None, environment: Mapping[str, str])
     ----------
     runs_dir : folder of all runs
     named : on the command line; None if it was not
-    environment : of the process
+    environment : environment of the process
     """
     found = named or environment.get(VARIABLE, "")
     return found or f"sqlite:///{(runs_dir / STORE_NAME).absolute()}"

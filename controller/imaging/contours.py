@@ -81,7 +81,7 @@ def subpixel_contour(image: Grey | Float32Array, level: float) -> Contour:
     Parameters
     ----------
     image : (height, width) grey, or brightness in any unit
-    level : of the edge, in the same
+    level : level of the edge, in the same
     """
     mask = (image < level).astype(np.uint8)
     found, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)

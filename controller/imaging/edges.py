@@ -85,7 +85,7 @@ def measure_edges(
     picture : (height, width)
     origins_px : (n, 2) where the steps are expected, x before y
     directions : (n, 2) unit, square to the edge
-    reach_px : how far from there they are looked for, to both sides; one, or one a ray (n,)
+    reach_px : range of the search to both sides; one, or one a ray (n,)
     noise : rms of a pixel [grey], at least that of rounding is taken
     rising : (n,) 1 where it must get brighter along the ray, -1 darker, 0 either; None for either
     """
@@ -149,7 +149,7 @@ def step_heights(
     ----------
     picture : (height, width)
     origins_px, directions : (n, 2) as `measure_edges` has them
-    reach_px : how far they are looked for, to both sides
+    reach_px : range of the search to both sides
     """
     steps = int(np.ceil(reach_px / STEP_PX)) + 1
     beyond = np.arange(-steps - SPAN, steps + SPAN + 1, dtype=np.float64) * STEP_PX
@@ -169,7 +169,7 @@ def blur_shift_px(width_px: FloatArray | float, curvature: FloatArray | float) -
     Parameters
     ----------
     width_px : standard deviation of the blurred step
-    curvature : of the edge [1/px]
+    curvature : curvature of the edge [1/px]
     """
     return np.asarray(0.5 * np.square(width_px) * curvature, dtype=np.float64)
 

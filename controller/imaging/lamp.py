@@ -30,8 +30,8 @@ class PointLamp:
         ----------
         name : as in the cell file
         centre_mm : (3,) in the world
-        axis : (3,) of the camera, of any length
-        radius_mm : of the ring
+        axis : (3,) axis of the camera, of any length
+        radius_mm : radius of the ring
         count : points that stand for the ring
         """
         helper = np.eye(3)[int(np.argmin(np.abs(axis)))]

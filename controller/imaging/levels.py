@@ -42,7 +42,7 @@ class Levels:
     threshold : between the two
     separation : Ashman's D of the two classes: distance of means over their rms spread
     valley : height of the valley between the humps over that of the lower hump
-    saturated_share : of the pixels
+    saturated_share : saturated share of the pixels
     step : distance of neighbouring levels, 1 with 8 bits, 4 with 6
     noise : rms from pixel to pixel on the table, at least the noise of rounding to levels
     """
@@ -63,7 +63,7 @@ class Ground:
 
     Attributes
     ----------
-    weights : (6,) of 1, x, y, x², xy, y² with x and y from -1 to 1 over the picture
+    weights : (6,) weights of 1, x, y, x², xy, y² with x and y from -1 to 1 over the picture
     size_px : (width, height)
     scatter : rms of the table's own texture about it, relative to the level
     """
@@ -145,7 +145,7 @@ def fit_ground(
     reduced : (h, w), each pixel the mean of ``factor`` x ``factor``
     inside : (h, w) the usable area
     factor : by which the reduced picture is smaller
-    size_px : (width, height) of the whole picture
+    size_px : (width, height) size of the whole picture
     white : level of saturated pixels, whose true level is higher; 256 for none
     tolerance : share of the level by which the table can differ at first; halved as the fit gets
         better
@@ -210,7 +210,7 @@ def _least_squares(terms: FloatArray, levels: FloatArray, chosen: BoolArray) -> 
     Parameters
     ----------
     terms : (k, n)
-    levels, chosen : (n,) what is to be fitted, and where
+    levels, chosen : (n,) levels to fit, and the mask of those used
     """
     masked = terms * chosen
     square = masked @ terms.T + 1e-9 * np.count_nonzero(chosen) * np.eye(len(terms))

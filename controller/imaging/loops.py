@@ -47,7 +47,7 @@ def trace_loops(
     Parameters
     ----------
     chains : (n, 1, 2) pixels along its borders as OpenCV finds them, the outer one first
-    shape : (h, w) of the raster
+    shape : (h, w) shape of the raster
     field : (h, w) positive inside, negative outside, linear near the border; where its signs
         disagree with the mask, the border is half-way between the pixels
     origin_px : x, y of the raster's first pixel in the picture

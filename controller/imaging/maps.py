@@ -44,7 +44,7 @@ def view_roi(
 
     Parameters
     ----------
-    vertices_mm : (n, 3) of the part, CAD frame; at least one
+    vertices_mm : (n, 3) vertices of the part, CAD frame; at least one
     T_world_part : (4, 4) [mm]
     camera : calibrated, in the world's frame
     margin_px : added round the part, within the picture
@@ -82,7 +82,7 @@ def render_maps(
 
     Parameters
     ----------
-    caster : of the part's mesh, in the CAD frame
+    caster : caster of the part's mesh, in the CAD frame
     T_world_part : (4, 4) pose of the CAD frame in the world [mm]
     camera : calibrated, in the world's frame
     roi : region of the picture

@@ -23,7 +23,7 @@ def sample_picture(
     ----------
     picture : (height, width)
     x, y : (n, k) places [px], of any number
-    border : what stands beyond the picture, as OpenCV names it; black by default
+    border : values beyond the picture's edge, as OpenCV names the mode; black by default
 
     Returns
     -------

@@ -34,7 +34,7 @@ class Page(Starlette):
 
     Parameters
     ----------
-    frame : what all screens share
+    frame : frame shared by all screens
     more : of Starlette
     """
 

@@ -180,7 +180,7 @@ def build(
     runs_dir : folder of all runs
     project_dir : folder of recipes and cell files
     site : under which addresses browsers find it
-    accounts, sessions : who may log in, and who has
+    accounts, sessions : accounts and open sessions
     """
     screens = build_screens(Setting(runs_dir, project_dir))
     return build_app(Frame(site, accounts, sessions, screens))

@@ -55,10 +55,10 @@ class Work:
 
     Attributes
     ----------
-    kind, about : what is done, and to what; together they name the work
-    who : who asked for it
+    kind, about : action and its subject; together they name the work
+    who : name of the person who asked for it
     folder : for what it writes; its standard output is `OUTPUT` there
-    mark : what it was made from, to know later whether that has changed
+    mark : fingerprint of its inputs, to know later whether they have changed
     within : folder that messages leave out of the names of files
     stage, stage_s : of its progress, as it reports it
     messages : other lines that it printed, the last ones

@@ -52,7 +52,8 @@ class Moment:
     q : (6,) joints of the arm
     arm_opening_mm, fixed_opening_mm : of both grippers
     T_world_part : (4, 4) pose of the part
-    grasp, fixed_grasp : of the arm gripper and the fixed gripper, None if it does not hold
+    grasp, fixed_grasp : grasp and fixed grasp of the arm gripper and the fixed gripper, None if it
+        does not hold
     in_sight : (n,) bool, samples that a view shows; None for a step without a view
     """
 

@@ -78,8 +78,8 @@ def render_page(package: str, template: str, path: Path, **values: object) -> Pa
     ----------
     package : whose file the template is
     template : its name
-    path : of the page
-    values : what the template shows, by name
+    path : path of the page
+    values : values for the template, by name
 
     Raises
     ------
@@ -97,7 +97,7 @@ def make_environment(
     Parameters
     ----------
     package : whose files the templates are
-    names : of the templates
+    names : names of the templates
     filters : more filters for these templates, by name
     """
     folder = resources.files(package)

@@ -31,7 +31,7 @@ def pdf_bytes(
     Parameters
     ----------
     page : HTML that needs nothing but itself
-    title : of the document
+    title : title of the document
     at : when what it reports on ended; the document's date
     paper_mm : width and height of the paper, without a margin; None for A4 with the usual margins
 

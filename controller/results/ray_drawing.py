@@ -27,7 +27,7 @@ def cast(
 
     Parameters
     ----------
-    caster : of all that is drawn, in the frame of the rays
+    caster : caster of all that is drawn, in the frame of the rays
     origins_mm : (n, 3), or (1, 3) where all rays start at one point
     directions : (n, 3) row by row, or (1, 3) where all are parallel
     size : (width, height) rays

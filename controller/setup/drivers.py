@@ -100,7 +100,7 @@ def describe_arm(name: str, given: Mapping[str, Any]) -> ArmDescription[Any]:
 
     Parameters
     ----------
-    name : of the driver
+    name : name of the driver
     given : the section ``arm.shape`` of the cell file
 
     Raises
@@ -157,7 +157,7 @@ def require_drivers(path: Path, cell: Cell) -> None:
 
     Parameters
     ----------
-    path : of the cell file, for messages
+    path : path of the cell file, for messages
     cell : as read from that file
 
     Raises
@@ -178,7 +178,7 @@ def require_force(path: Path, force_n: float, cell: Cell) -> None:
 
     Parameters
     ----------
-    path : of the recipe, for messages
+    path : path of the recipe, for messages
     force_n : `grasp.force_n` of the recipe
     cell : whose gripper it is
 

@@ -25,9 +25,9 @@ def faces_left_out(
 
     Parameters
     ----------
-    path : of the recipe, or of what holds it, for the message
+    path : path of the recipe, or of what holds it, for the message
     recipe : its `inspection.not_inspected` has the names, each with its reason
-    faces, features : of the recipe's part
+    faces, features : faces and features of the recipe's part
 
     Raises
     ------

@@ -58,7 +58,7 @@ def rounding(layout: CellLayout, rows: FloatArray) -> tuple[float, float]:
 
     Parameters
     ----------
-    layout : of a cell with a UMI RTX
+    layout : layout of a cell with a UMI RTX
     rows : (n, 6) joints over which the mean is taken
     """
     # each motor's count turns its joints by so much; rounding is even within half a count

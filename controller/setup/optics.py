@@ -51,9 +51,9 @@ def build_light(name: str, light: LightSection, camera_axis: FloatArray | None =
 
     Parameters
     ----------
-    name : of the lamp
+    name : name of the lamp
     light : its kind and place
-    camera_axis : (3,) of the camera that a ring sits round, if the ring does not name its own
+    camera_axis : (3,) axis of the camera that a ring sits round, if the ring does not name its own
     """
     centre = np.array(light.centre, dtype=float)
     axis = camera_axis if light.normal is None else np.array(light.normal, dtype=float)

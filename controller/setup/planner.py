@@ -38,7 +38,7 @@ class PlannerSetup:
     Attributes
     ----------
     layout : the cell, with the force that its grippers press with
-    options : what plans aim at
+    options : targets of the plans
     density_g_cm3, density_from : of the part, and where the figure comes from
     counted_defect_mm : from which size on spots and defects show in a count of coverage; more than
         the smallest defect on a part too large for points as near as that

@@ -12,7 +12,7 @@ def sampled_for(recipe: Recipe | None, options: CompileOptions) -> CompileOption
     Parameters
     ----------
     recipe : with the smallest defect to be found; None for a recipe's default
-    options : of the part
+    options : options of the part
     """
     if recipe is None:
         return options

@@ -124,7 +124,7 @@ def add_placed(label: Any, path: list[str], move: Any, listing: Listing) -> None
 
     Parameters
     ----------
-    label : of the kernel's document
+    label : label of the kernel's document
     path : names of the products it is in, outermost first
     move : pose of what it is in
     listing : receives the bodies

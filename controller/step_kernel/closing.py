@@ -146,7 +146,7 @@ def counted(arrays: dict[str, Any]) -> dict[str, Any]:
 
     Parameters
     ----------
-    arrays : of the mesh and of its surfaces, with ``left_out`` (k,), numbers of faces
+    arrays : arrays of the mesh and of its surfaces, with ``left_out`` (k,), numbers of faces
     """
     import numpy as np
 

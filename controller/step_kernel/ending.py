@@ -30,7 +30,7 @@ def refuse(out: str, error: str, reason: str) -> int:
     ----------
     out : file to write
     error : name of the class of `CadError` the parent is to raise
-    reason : what is wrong, as it follows the file's name in a message
+    reason : reason, as it follows the file's name in a message
     """
     Path(out).write_text(json.dumps({"error": error, "reason": reason}))
     return REFUSED

@@ -55,7 +55,7 @@ def mended(solid: Any) -> Any:  # noqa: ANN401  the kernel's types have no stubs
 
     Raises
     ------
-    RefusalError : what comes of it is no single solid, or a solid of another volume
+    RefusalError : the result is no single solid, or a solid of another volume
     """
     from OCP.ShapeFix import ShapeFix_Shape
     from OCP.TopAbs import TopAbs_SOLID

@@ -37,7 +37,7 @@ def read_document(path: str, *, has_tolerances: bool) -> tuple[Any, Any]:
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     has_tolerances : True to read dimensions, tolerances, datums and what goes with the geometry;
         False to read the product structure with its names and nothing else
 

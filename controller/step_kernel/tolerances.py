@@ -144,7 +144,7 @@ def tolerance(label: Any, tool: Any, surfaces: Surfaces) -> dict[str, Any]:  # n
 
     Parameters
     ----------
-    label : of the tolerance in the kernel's document
+    label : label of the tolerance in the kernel's document
     tool : the document's tool for dimensions and tolerances; not asked here
     surfaces : the faces it may refer to
     """

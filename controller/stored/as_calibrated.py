@@ -15,7 +15,7 @@ def as_calibrated(
     Parameters
     ----------
     found : the verdict of the pictures
-    calibration : what did not count when they were taken
+    calibration : calibrations that did not count when they were taken
     recipe : with what it needs for a PASS; None for nothing
     """
     required = "any" if recipe is None else recipe.inspection.calibration

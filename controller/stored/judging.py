@@ -125,8 +125,8 @@ def judge_views(
     file : the set
     part : its part
     pictures : by view id and lamp
-    judging : what it is judged by
-    kept : what of it was worked out before; None for nothing
+    judging : basis of the judgement
+    kept : part of it computed before; None for none
 
     Raises
     ------
@@ -152,9 +152,9 @@ def judge_ahead(
     ----------
     file : views of grasps that are over; the same object for each piece
     part : its part
-    judging : what it will be judged by
+    judging : basis of the judgement to come
     kept : gets it
-    view_count : how many views there will be
+    view_count : number of views planned
 
     Raises
     ------

@@ -77,7 +77,7 @@ def read_picture(path: Path, size_px: tuple[int, int]) -> StoredPicture:
     Parameters
     ----------
     path : the picture's file
-    size_px : (width, height) of the calibration
+    size_px : (width, height) size of the calibration
 
     Raises
     ------
@@ -98,7 +98,7 @@ def read_grey(path: Path, size_px: tuple[int, int]) -> Grey:
     Parameters
     ----------
     path : the picture's file
-    size_px : (width, height) of the calibration
+    size_px : (width, height) size of the calibration
 
     Raises
     ------

@@ -55,7 +55,7 @@ def build_view_set(
     file : the set
     part : its part
     pictures : by view id and lamp
-    limits : of differences
+    limits : limits of differences
     kept : the views of it that were built before are taken from here; None for none
 
     Raises

@@ -34,7 +34,7 @@ class FileFrame:
     white : the largest value a pixel can have
     timestamp_s : the end of what stands for its exposure [cell s]
     earliest_light_s : the begin of that; when its light was really gathered nobody knows [cell s]
-    number : of the picture in its folder or video, from 0
+    number : number of the picture in its folder or video, from 0
     """
 
     image: Image
@@ -52,15 +52,15 @@ class FileCamera:
 
     Parameters
     ----------
-    source : of the pictures
-    name : of the camera
+    source : source of the pictures
+    name : name of the camera
     period_s : from one frame to the next [cell s]
-    exposure_s : what stands for an exposure [cell s]
+    exposure_s : substitute for an exposure time [cell s]
     late_s : a frame may come this much later than rate and exposure explain [cell s]
     loops : begins anew behind the last picture; else it is gone, as if it were unplugged
     passes : pictures pass by the clock; else each look takes the next one
     clock : the cell's clock
-    wires : what records the pictures or plays them
+    wires : recorder or player of the pictures
     """
 
     def __init__(

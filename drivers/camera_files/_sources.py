@@ -85,9 +85,9 @@ class Source(Protocol):
 
         Parameters
         ----------
-        name : of the camera, for messages
-        path : of the folder or the file
-        size : what every picture has to be
+        name : name of the camera, for messages
+        path : path of the folder or the file
+        size : size required of every picture
         """
 
     @property
@@ -128,9 +128,9 @@ class Folder:
 
     Parameters
     ----------
-    name : of the camera, for messages
-    path : of the folder
-    size : what every picture has to be
+    name : name of the camera, for messages
+    path : path of the folder
+    size : size required of every picture
     """
 
     def __init__(self, name: str, path: Path, size: Size) -> None:
@@ -217,9 +217,9 @@ class Video:
 
     Parameters
     ----------
-    name : of the camera, for messages
-    path : of the file
-    size : what every picture has to be
+    name : name of the camera, for messages
+    path : path of the file
+    size : size required of every picture
     """
 
     def __init__(self, name: str, path: Path, size: Size) -> None:

@@ -55,11 +55,11 @@ class Camera:
 
     Parameters
     ----------
-    config : how to find and set it
+    config : address and settings
     clock : the cell's clock; all durations and instants here are its seconds
     calls : system calls; by default those that fit the address
-    wires : what records the calls or plays them
-    name : of the camera, for the wires
+    wires : recorder or player of the calls
+    name : name of the camera, for the wires
     """
 
     def __init__(

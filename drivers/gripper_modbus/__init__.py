@@ -34,7 +34,7 @@ class RobotiqSettings:
 
     Attributes
     ----------
-    speed_mm_s : of the jaws, 20 to 150 (modbus_devices.md 2.5)
+    speed_mm_s : speed of the jaws, 20 to 150 (modbus_devices.md 2.5)
     """
 
     speed_mm_s: float = 80.0

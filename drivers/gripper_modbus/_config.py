@@ -13,13 +13,13 @@ class GripperConfig:
     ----------
     unit : slave id
     open_mm : opening between the fingertips at ``counts_open`` [mm]
-    counts_open, counts_closed : what the encoder says fully open, and with the fingertips
-        touching; modbus_devices.md 2.5
+    counts_open, counts_closed : encoder counts fully open, and with the fingertips touching;
+        modbus_devices.md 2.5
     min_speed_mm_s, max_speed_mm_s : jaw speed at rSP 0 and 255 [mm/s]
     min_force_n, max_force_n : force of a grasp at rFR 0 and 255 [N]
-    default_speed_mm_s, default_force_n : of a verb that names none
-    over_travel_mm : how much further than the expected opening the jaws are sent, so that the part
-        and not the target stops them [mm]
+    default_speed_mm_s, default_force_n : speed and force of a verb that names none
+    over_travel_mm : distance by which the target lies beyond the expected opening, so that the part
+        and not the target stops the jaws [mm]
     arrival_tolerance_mm : contact this near to the target is arrival, not an obstacle [mm]
     match_tolerance_mm : a part whose contact was not noticed is assumed within this of the
         expected opening [mm]

@@ -68,7 +68,7 @@ class Gripper:
     ----------
     link : the line it is on; not closed by the gripper
     config : its slave id, calibration and limits
-    name : what messages call it
+    name : name used in messages
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class Gripper:
 
         Raises
         ------
-        WrongDeviceError : what answers is no Robotiq 2F
+        WrongDeviceError : the device that answers is no Robotiq 2F
         """
         expected = "expected a Robotiq 2F gripper, which never answers with an exception"
         advice = "check slave id and port, or which device is wired there"
@@ -402,7 +402,7 @@ class Gripper:
         Parameters
         ----------
         outputs : the block
-        has_arrived : whether a reading shows it
+        has_arrived : test of a reading for arrival
         stop_count : when the verb began; None for outputs that set nothing in motion
 
         Raises

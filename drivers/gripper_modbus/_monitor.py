@@ -90,8 +90,8 @@ class GripperMonitor:
 
         Parameters
         ----------
-        claim : what must become true of the status
-        limit_s : how long to keep reading [cell s of attended time]
+        claim : condition that the status must meet
+        limit_s : time limit of the reading [cell s of attended time]
         what : the action under way, for the message of an error
         stop_at_major : raise at once when the gripper reports a major fault
 

@@ -33,7 +33,7 @@ class GripperStatus:
     fault, controller_fault : gFLT and kFLT; 0 is none
     requested_counts, position_counts : gPR and gPO
     opening_mm : between the fingertips [mm]
-    current_ma : of the motor [mA]
+    current_ma : current of the motor [mA]
     """
 
     at_s: float
@@ -122,9 +122,9 @@ class GraspResult:
 
     Attributes
     ----------
-    object_detected : whether something is between the jaws
+    object_detected : True if something is between the jaws
     opening_mm : between the fingertips [mm]
-    evidence : what ``object_detected`` rests on
+    evidence : evidence behind ``object_detected``
     status : the reading it was judged by
     """
 
@@ -168,7 +168,7 @@ def judge_hold(grasp: GraspResult | None, status: GripperStatus, config: Gripper
 
     Parameters
     ----------
-    grasp : what the last `close_on` or `open_on` found; None when the jaws have been moved since
+    grasp : result of the last `close_on` or `open_on`; None when the jaws have been moved since
     status : the reading to judge
     config : gives ``slip_tolerance_mm``, how far the opening may have changed since
     """

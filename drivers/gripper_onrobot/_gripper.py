@@ -107,7 +107,7 @@ class RgGripper:
     ----------
     link : the line to the box; not closed by the gripper
     model : which of the two it must be
-    unit : of the side of the quick changer it is on
+    unit : unit of the side of the quick changer it is on
     """
 
     def __init__(self, link: ModbusLink, model: Model, unit: int) -> None:

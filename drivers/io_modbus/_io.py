@@ -69,9 +69,9 @@ class CellIo:
     Parameters
     ----------
     link : connection to the block; not closed by this
-    config : what is wired where
+    config : wiring
     on_change : called with every change; must return at once
-    name : what messages call it
+    name : name used in messages
     """
 
     def __init__(

@@ -49,10 +49,10 @@ class Arm(Protocol):
 
     Attributes
     ----------
-    model : what messages and the journal call it, once connected
-    identity : what `connect` found; None before it
-    is_homed : whether positions mean something
-    max_opening_mm : how far its gripper opens [mm]
+    model : name used in messages and the journal, once connected
+    identity : identity found by `connect`; None before it
+    is_homed : True if positions are valid
+    max_opening_mm : largest opening of its gripper [mm]
     """
 
     @property

@@ -13,10 +13,10 @@ class Capture:
 
     Attributes
     ----------
-    width, height : of a picture [px]
+    width, height : width and height of a picture [px]
     formats : FourCC of pixel formats, the best first
     fps : frames a second
-    exposure_s : of one frame [s]
+    exposure_s : exposure of one frame [s]
     settle_frames : of a stream just started, before one is trusted
     margin_s : play of a frame's time stamp [s]; None for the driver's own
     frame_late_s : a frame may come this much later than rate and exposure explain [cell s]
@@ -66,9 +66,9 @@ class Camera(Protocol):
 
     Attributes
     ----------
-    model : what messages and the journal call it, once connected
+    model : name used in messages and the journal, once connected
     shape : height and width of its pictures [px]
-    is_paused : whether the frames are stopped
+    is_paused : True if the frames are stopped
     """
 
     @property

@@ -39,20 +39,21 @@ class Site:
 
     Attributes
     ----------
-    name : of the device in the cell file, such as ``gripper`` or ``overhead``
+    name : name of the device in the cell file, such as ``gripper`` or ``overhead``
     address : as the cell file says, or as the emulator offers it
     section : the device's whole section of the cell file, ``address`` and ``settings`` among it
     clock : all durations and instants are its seconds
     open_link : returns the Modbus line of this section, one for all devices on it; it is closed
         by the cell
-    polling : of an I/O block
+    polling : polling of an I/O block
     inputs : of an I/O block, by the name of the signal on each, counted from 0; a signal that is
         not here is where the driver has it
-    lamps : of a lamp unit
-    capture : of a camera
-    silence_s : of an arm: a line on which no byte has come back for so long is silent [cell s]
-    wires : what records the device's wires or plays them; `open_link` has it in place already
-    folder : of the cell file; an address that is a relative path begins here
+    lamps : lamps of a lamp unit
+    capture : capture of a camera
+    silence_s : silence of an arm: a line on which no byte has come back for so long is silent [cell
+        s]
+    wires : recorder or player of the device's wires; `open_link` has it in place already
+    folder : folder of the cell file; an address that is a relative path begins here
     """
 
     name: str
@@ -84,8 +85,8 @@ class Driver(Generic[Device, Settings]):
     build : returns the device; opens nothing yet
     keeps_cell_time : its device has no time of its own, as a file has none: next to emulated
         devices it goes by their clock, at whatever speed
-    max_force_n : of a gripper: how hard it presses at the most [N], given its settings; None where
-        the driver does not state it
+    max_force_n : largest force of a gripper: how hard it presses at the most [N], given its
+        settings; None where the driver does not state it
     """
 
     settings: type[Settings]

@@ -17,8 +17,8 @@ class MotorTry:
     Attributes
     ----------
     motor : its name
-    ordered_counts, went_counts : how far it was to go, and went
-    back_counts : how far from where it began it ended, after the order to go back
+    ordered_counts, went_counts : distance ordered, and distance gone
+    back_counts : distance from its start at which it ended, after the order to go back
     seconds : from the order to its rest, there
     """
 

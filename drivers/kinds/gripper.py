@@ -66,8 +66,8 @@ class FixedGripper(Protocol):
 
     Attributes
     ----------
-    model : what messages and the journal call it, once connected
-    max_opening_mm : how far it opens [mm]
+    model : name used in messages and the journal, once connected
+    max_opening_mm : largest opening [mm]
     """
 
     @property

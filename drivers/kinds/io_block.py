@@ -26,7 +26,7 @@ class Change:
 
     Attributes
     ----------
-    name : of the input
+    name : name of the input
     signal, previous : now and before
     at_s : cell instant of the reading that decided it, or at which readings became too old [s]
     """
@@ -71,7 +71,7 @@ class IoBlock(Protocol):
 
     Attributes
     ----------
-    model : what messages and the journal call it, once connected
+    model : name used in messages and the journal, once connected
     """
 
     @property

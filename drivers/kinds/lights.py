@@ -11,7 +11,7 @@ class Lamp:
 
     Attributes
     ----------
-    name : what the cell calls it
+    name : name used in the cell
     analog, relay : its channels, counted from 0
     drive : share of its full dimming that level 1 stands for
     settle_s : until its light is steady after a change [cell s]; None for the driver's own figure
@@ -29,8 +29,8 @@ class LampUnit(Protocol):
 
     Attributes
     ----------
-    model : what messages and the journal call it, once connected
-    names : of all lamps
+    model : name used in messages and the journal, once connected
+    names : names of all lamps
     """
 
     @property

@@ -28,7 +28,7 @@ class PwmLamp:
 
     Attributes
     ----------
-    name : what recipes call it
+    name : name used in recipes
     controller, channel : where it is connected, both from 0
     drive : share of full light that level 1 means
     settle_s : from the acknowledge until its light is steady [cell s]
@@ -109,7 +109,7 @@ class _Controller:
         Parameters
         ----------
         state : as it is known
-        values : of all four channels
+        values : values of all four channels
         force : write even what is known to be so already
         """
         wanted = replace(state, values=tuple(values), transition_ms=0, is_live=True)

@@ -22,9 +22,9 @@ class State:
 
     Attributes
     ----------
-    values : of the four channels, 0 to `cycle`
+    values : values of the four channels, 0 to `cycle`
     transition_ms : in which a change takes place
-    is_live : whether values show as they are written
+    is_live : True if values take effect as they are written
     cycle : value of full light
     """
 

@@ -17,7 +17,7 @@ class LampChannel:
 
     Attributes
     ----------
-    name : what recipes call it
+    name : name used in recipes
     analog_channel : output of the analog module as printed on it, 1..8
     relay_channel : relay as printed on the module, 1..8
     full_scale_mv : dimming voltage of level 1 [mV]

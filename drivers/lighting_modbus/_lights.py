@@ -18,7 +18,7 @@ class LampState:
     ----------
     level : 0..1 as `Lights.set` takes it; 0 when the relay is open
     voltage_mv : dimming voltage [mV]
-    is_relay_closed : whether the lamp has supply
+    is_relay_closed : True if the lamp has power
     """
 
     level: float

@@ -65,7 +65,7 @@ class RtuOverTcpAddress:
 
     Attributes
     ----------
-    echoes : what is sent comes back before the answer, and is dropped
+    echoes : True if every sent byte comes back before the answer, and is dropped
     """
 
     host: str

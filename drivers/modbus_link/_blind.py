@@ -24,7 +24,7 @@ def write_frame(address: Address, unit: int, register: int, value: int) -> bytes
 
     Parameters
     ----------
-    address : of the line, which decides on the framing
+    address : address of the line, which decides on the framing
     unit : unit id
     register : zero based
     value : 0..65535
@@ -37,10 +37,10 @@ def coil_frame(address: Address, unit: int, coil: int, *, is_on: bool) -> bytes:
 
     Parameters
     ----------
-    address : of the line, which decides on the framing
+    address : address of the line, which decides on the framing
     unit : unit id
     coil : zero based
-    is_on : what it is switched to
+    is_on : state to switch it to
     """
     pdu = struct.pack(">BHH", FunctionCode.WRITE_COIL, coil, 0xFF00 if is_on else 0x0000)
     return _framed(address, unit, pdu)
@@ -51,9 +51,9 @@ def inputs_frame(address: TcpAddress, unit: int, count: int) -> bytes:
 
     Parameters
     ----------
-    address : of the line
+    address : address of the line
     unit : unit id
-    count : how many
+    count : number of coils or registers
     """
     return _framed(address, unit, struct.pack(">BHH", FunctionCode.READ_DISCRETE_INPUTS, 0, count))
 
@@ -63,7 +63,7 @@ def inputs_mask(count: int, wanted: tuple[int, ...]) -> bytes:
 
     Parameters
     ----------
-    count : how many inputs are read
+    count : number of inputs read
     wanted : numbers of those that are looked at
     """
     bits = sum(1 << number for number in wanted)

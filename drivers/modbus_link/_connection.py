@@ -90,7 +90,7 @@ class Connection:
 
         Parameters
         ----------
-        request : what to send
+        request : request to send
         unit : unit id, or slave id on RS-485
         clock : the cell's clock, which measures the patience
         timeout_s : patience with the unit [cell s]

@@ -94,10 +94,11 @@ class ModbusLink:
     ----------
     address : the transport and where it is
     clock : the cell's clock
-    reply_timeout_s : how long a unit may take to answer [cell s], and may go on answering "later"
+    reply_timeout_s : time limit of a unit's answer [cell s], which may consist of further "later"
+        answers
     retry_count : a read without an answer is repeated so often
     trace : called with (sending, bytes) for everything on the wire
-    tap : of the line, None for none
+    tap : tap of the line, None for none
     """
 
     def __init__(
@@ -153,10 +154,10 @@ class ModbusLink:
         Parameters
         ----------
         unit : unit id, or slave id on RS-485, 1..247
-        name : what messages call the device
+        name : name of the device in messages
         spacing_s : least pause between two exchanges with it [cell s]
         probes : harmless reads with answers of different shape, to resynchronise RTU with
-        check : what a message advises to check when it is silent
+        check : advice in a message on what to check when it is silent
         """
         return ModbusUnit(self, unit, name, spacing_s, probes, check)
 
@@ -192,7 +193,7 @@ class ModbusLink:
 
         Parameters
         ----------
-        request : what to send
+        request : request to send
         who : the unit
         again : asked before a write that was answered "later" is sent again; None: it is not.
             A stop may have come between, which the repeated command would undo
@@ -432,10 +433,10 @@ class ModbusUnit:
     ----------
     link : the line it is on
     unit : its unit id
-    name : what messages call it
+    name : name used in messages
     spacing_s : least pause between two exchanges [cell s]
     probes : harmless reads to resynchronise with
-    check : what to check when it is silent
+    check : advice on what to check when it is silent
     """
 
     link: ModbusLink
@@ -468,7 +469,7 @@ class ModbusUnit:
         Parameters
         ----------
         coil : zero based
-        is_on : what it is switched to
+        is_on : state to switch it to
         """
         return self._blind(coil_frame(self.link.address, self.unit, coil, is_on=is_on))
 
@@ -514,7 +515,7 @@ class ModbusUnit:
 
         Parameters
         ----------
-        address, value : of the coil
+        address, value : address and value of the coil
         again : decides after the answer "later" whether it is sent again; None: it is not
         """
         request = Request(FunctionCode.WRITE_COIL, address, 1, (int(value),))
@@ -525,7 +526,7 @@ class ModbusUnit:
 
         Parameters
         ----------
-        address, value : of the register
+        address, value : address and value of the register
         again : decides after the answer "later" whether it is sent again; None: it is not
         """
         request = Request(FunctionCode.WRITE_REGISTER, address, 1, (value,))
@@ -538,7 +539,7 @@ class ModbusUnit:
 
         Parameters
         ----------
-        address, values : of the first coil, and all of them in order
+        address, values : address and values of the first coil, and all of them in order
         again : decides after the answer "later" whether it is sent again; None: it is not
         """
         bits = tuple(int(value) for value in values)
@@ -552,7 +553,7 @@ class ModbusUnit:
 
         Parameters
         ----------
-        address, values : of the first register, and all of them in order
+        address, values : address and values of the first register, and all of them in order
         again : decides after the answer "later" whether it is sent again; None: it is not
         """
         words = tuple(values)

@@ -39,7 +39,7 @@ class Request:
     function : its function code
     address : first register or bit, zero based as on the wire
     count : registers or bits
-    values : what a write writes; empty for a read
+    values : values to write; empty for a read
     """
 
     function: FunctionCode

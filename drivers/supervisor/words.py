@@ -19,11 +19,11 @@ class BlindStop:
 
     Attributes
     ----------
-    name : of the device
+    name : name of the device
     place : path of a serial line, which is set up already, or ``host:port``
     frames : sent one after the other
     spacing_s : from the start of one to the next [wall s]
-    count : how often all of them are sent, since nobody confirms them
+    count : number of times that all of them are sent, since nobody confirms them
     """
 
     name: str
@@ -39,7 +39,7 @@ class BlindLook:
 
     Attributes
     ----------
-    name : of the device
+    name : name of the device
     place : ``host:port``
     request : sent for each reading
     mask : as long as the answer; its bits are set in the answer while all is well
@@ -59,7 +59,7 @@ class Orders:
     ----------
     stops : on all wires
     looks : at inputs, while the controller is late
-    calls : how requests to the controller begin that stop the cell
+    calls : first bytes of the requests to the controller that stop the cell
     clock : file of an emulated cell's clock (shared-clock.md); empty: the wall clock
     speed : cell seconds in a second of the wall clock, where no clock is shared
     beat_s : from one heartbeat to the next [cell s]

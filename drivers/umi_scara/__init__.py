@@ -109,16 +109,16 @@ class UmiSettings:
 
     Attributes
     ----------
-    play_deg : of the gears of `elbow`, `shoulder`, `yaw`, `wrist1`, `wrist2`, from one flank to the
-        other, in degrees of the motor's own scale (umi_rtx.md 5.1)
+    play_deg : play of the gears of `elbow`, `shoulder`, `yaw`, `wrist1`, `wrist2`, from one flank
+        to the other, in degrees of the motor's own scale (umi_rtx.md 5.1)
     jaw_zero_mm : opening of the jaws where their counter means 0
     jaw_speed, jaw_force : SPEED with which the jaws close on something, MAX_FORCE with which they
         move in empty air (umi_rtx.md 5.6; the arm gives neither a unit)
     homing_zed_speed, homing_zed_force : SPEED and MAX_FORCE on the way up (umi_rtx.md 3.3)
-    homing_zed_s, homing_s : how long zed, and any other axis, may take to its stop, as
-        umi_rtx.md 4.6 has it [cell s]
+    homing_zed_s, homing_s : time limits for zed, and for any other axis, to reach its stop, as in
+        umi_rtx.md 4.6 [cell s]
     arrival_counts : an axis has arrived within so many counts beyond its own dead band
-    arrival_s : how long an axis at rest may take to come so near [cell s]
+    arrival_s : time limit for an axis at rest to come this near [cell s]
     """
 
     play_deg: Mapping[str, float] = field(default_factory=dict)

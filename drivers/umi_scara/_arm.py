@@ -76,12 +76,12 @@ class UmiScara:
     config : settings of the arm, its line, homing and gripper
     clock : the cell's clock
     trace : called with every exchange on the wire; the logger ``cellctl.wire.arm`` has them, too
-    tap : of the line, None for none
+    tap : tap of the line, None for none
     line : path of the serial line, where a function opens it; None if it is no serial line
 
     Attributes
     ----------
-    positions : what is known of where the axes are
+    positions : knowledge of the axes' positions
     """
 
     def __init__(
@@ -552,7 +552,7 @@ class UmiScara:
         Parameters
         ----------
         force : MAX_FORCE, which stays; 20 to 60 have been used
-        deadline_s : how long the jaws may take at full speed to come to rest [cell s]
+        deadline_s : time limit for the jaws at full speed to come to rest [cell s]
         speed_share : of the speed with which they usually close on something, above 0 to 1
 
         Returns

@@ -17,11 +17,11 @@ class ArmConfig:
     Attributes
     ----------
     arrival_slack_counts : tolerance of arrival beyond the axis' own DEAD_BAND
-    settle_s : how long an axis at rest may take to come within that tolerance
+    settle_s : time limit for an axis at rest to come within that tolerance
     nominal_counts_per_s : speed of each axis at SPEED 100 (7), for forecasts and speed ratios
     gripper_force : MAX_FORCE with which the jaws open and close in position moves (§5.6)
     grasp_speed : SPEED with which the jaws close on something (§5.6)
-    play_counts : of each motor's gears, from one flank to the other, as measured [counts]
+    play_counts : play of each motor's gears, from one flank to the other, as measured [counts]
     """
 
     link: LinkConfig = field(default_factory=LinkConfig)

@@ -77,7 +77,7 @@ class ArmSession:
     config : timing of the line
     clock : the cell's clock
     trace : called with every exchange on the wire
-    tap : of the line, None for none
+    tap : tap of the line, None for none
     """
 
     def __init__(

@@ -48,7 +48,7 @@ class Script:
     Parameters
     ----------
     steps : as described above
-    seed : of all that is drawn
+    seed : seed of all that is drawn
     begun_s : when the script was given [world s]
     verbs : that steps may have
 
@@ -80,7 +80,7 @@ class Script:
         Parameters
         ----------
         now_s : the present [world s]
-        events : what has happened since the last call: instant [world s], event, gripper
+        events : events since the last call: instant [world s], event, gripper
         """
         due: list[tuple[float, int, Mapping[str, Any]]] = []
         for step in self._steps:

@@ -24,9 +24,9 @@ class JawModel:
     ----------
     opening_mm : distance of the jaws
     target_mm : where they are going
-    speed_mm_per_s : how fast, both jaws together
-    force_limit_n : how hard they may press
-    is_driven : whether the motor runs; if not, jaws stay where they are and keep what they hold
+    speed_mm_per_s : speed of both jaws together
+    force_limit_n : force limit of the jaws
+    is_driven : True if the motor runs; if not, jaws stay in place and keep what they hold
     grasp_limit_mm : width of what stands between the jaws, set by the world before each step;
         None: nothing there
     inner_limit_mm : opening at which the jaws touch a part from inside; None: nothing there
@@ -36,7 +36,7 @@ class JawModel:
     closing_current_ma, opening_current_ma : current of free motion, as in the manual's printed
         status frames (modbus_devices.md 2.7)
     current_ma_per_n : current while the force is building up
-    stroke_mm : how far they open
+    stroke_mm : largest opening
     """
 
     opening_mm: float = STROKE_MM

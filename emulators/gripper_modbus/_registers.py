@@ -75,7 +75,7 @@ class JawScale:
     ----------
     open_counts, closed_counts : gPO with the jaws fully open and fully closed
     wider_mm : by how much thinner fingertips leave the jaws wider open at the same encoder
-    stretch : of a true stroke against the design's, which comes on top
+    stretch : stretch of a true stroke against the design's, which comes on top
     """
 
     open_counts: int = 3

@@ -46,7 +46,7 @@ class RobotiqConfig:
     activation_s : duration of an unhindered activation [world s]; 1 to 3 s is typical
     refresh_s : age that a status may have when it is read: registers are renewed at 200 Hz
         (§2.1); 0: every read is fresh [world s]
-    scale : what the encoder reads at the ends
+    scale : readings of the encoder at the ends
     """
 
     activation_s: float = 1.5

@@ -43,7 +43,7 @@ class RgDevice:
     ----------
     jaws : the mechanism, shared with the world
     kind : RG2 or RG6
-    unit : of its side of the quick changer
+    unit : unit of its side of the quick changer
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ class ComputeBoxDevice:
 
     Parameters
     ----------
-    tool : what hangs at it
+    tool : gripper mounted on it
     """
 
     hears_broadcast = False

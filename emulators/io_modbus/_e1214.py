@@ -31,7 +31,7 @@ class E1214Device:
     ----------
     signals : the contacts behind the inputs; healthy ones by default
     unit : Modbus unit id
-    config : what an owner sets in its web console
+    config : settings of its web console
 
     Attributes
     ----------

@@ -63,7 +63,7 @@ def build_map(state: BlockState, inputs: Inputs, config: E1214Config) -> PointMa
 
     Parameters
     ----------
-    state : what the registers show and change
+    state : model behind the registers
     inputs : gives the six inputs as they are now
     config : identity
     """

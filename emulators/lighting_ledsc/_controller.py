@@ -34,7 +34,7 @@ class LedscDevice:
     Attributes
     ----------
     unit : the number it answers to; a new one holds from the next restart on
-    restart_count : how often it has been restarted
+    restart_count : number of restarts so far
     """
 
     hears_broadcast = True
@@ -182,7 +182,7 @@ class LedscSupply:
         Parameters
         ----------
         wiring : its channel, counted through all controllers; its relay is not there
-        character : how light follows the drive
+        character : response of the light to the drive
         is_wire_broken : the LEDs' own wire; they are dark then
         """
         number, colour = divmod(wiring.analog_channel, OUTPUTS)

@@ -33,7 +33,7 @@ class LampCharacter:
     full_level : light of this lamp when new, as a factor on the nominal one's
     lowest_level : light at 0 mV, as a fraction; reached at this fraction of 10 V
     ramp_s : from dark to full light or back [world s]
-    exponent : of light over voltage; 1 is a linear driver
+    exponent : exponent of light over voltage; 1 is a linear driver
     droop_fraction : light lost when warm
     warm_up_s : time constant of warming up and of cooling down [world s]
     """
@@ -80,7 +80,7 @@ class WaveshareSupply:
         Parameters
         ----------
         wiring : where it is connected
-        character : how its light follows the dimming voltage
+        character : response of its light to the dimming voltage
         is_wire_broken : the driver sees an open input
         """
         if not self._relays.is_closed(wiring.relay_channel):
@@ -98,15 +98,15 @@ class LampModel:
     Parameters
     ----------
     wiring : where it is connected
-    supply : what dims and switches it
-    character : how its light follows the dimming voltage and the time
+    supply : supply that dims and switches it
+    character : response of its light to the dimming voltage and to time
 
     Attributes
     ----------
     wiring : where it is connected
-    is_dimming_wire_broken : what that does is the supply's affair
+    is_dimming_wire_broken : state of the dimming wire; its effect is the supply's affair
     is_dead : the LEDs give no light
-    strength : of the LEDs, as a fraction of what they gave when new
+    strength : strength of the LEDs, as a fraction of what they gave when new
     is_supply_on : the light supply behind the relay
     """
 

@@ -25,8 +25,8 @@ class WaveshareModule:
     Attributes
     ----------
     unit : Modbus number, writable at 0x4000
-    parity_code, baudrate : what was written at 0x2000; they are kept and have no effect here,
-        since the reference does not say when a module changes over
+    parity_code, baudrate : values written at 0x2000; kept without effect here, since the reference
+        does not say when a module changes over
     """
 
     hears_broadcast = True

@@ -41,7 +41,7 @@ class Point:
     ----------
     read : gives its word, or for a bit anything true or false; None: the address cannot be read
     write : takes its word, for a coil the word of FC05; None: the address cannot be written
-    accepts : whether a word may be written here (exception 03 otherwise)
+    accepts : test whether a word may be written here (exception 03 otherwise)
     """
 
     read: Callable[[], int] | None = None

@@ -21,12 +21,12 @@ class WireFaults:
     is_deaf : requests do not reach the device: nothing happens, nothing answers
     is_mute : requests are carried out, replies are lost
     exception_code : answered in place of the device, which does not see the request
-    reply_delay_s : how much later than usual the reply comes [world s]
+    reply_delay_s : additional delay of the reply [world s]
     reply_byte_count : only so many bytes of the reply frame arrive
     is_crc_bad : a bit of the reply flips on the wire; a TCP frame has no CRC and loses its
         protocol number instead
-    reply_fault : what happens to one byte of the reply frame, and to which, counted from 0; on a
-        connection of its own a device loses no byte: TCP sees to that
+    reply_fault : fault of one byte of the reply frame, and its index from 0; on a connection of its
+        own a device loses no byte, thanks to TCP
     reply_unit : the reply names this unit
     is_connection_dropped : the connection ends where the reply should come; the request is
         carried out
@@ -61,7 +61,7 @@ class BusReply:
     Attributes
     ----------
     unit, pdu : the reply
-    delay_s : how much later than usual it comes [world s]
+    delay_s : additional delay [world s]
     byte_count : only so many bytes of the frame arrive; None: all
     is_corrupt : the frame is damaged on the wire
     is_connection_dropped : no reply, the connection ends instead

@@ -15,7 +15,7 @@ class ModbusDevice(Protocol):
     Attributes
     ----------
     unit : the number it answers to, 1 to 255; a master may change it
-    hears_broadcast : whether requests to unit 0 reach it
+    hears_broadcast : True if requests to unit 0 reach it
     """
 
     unit: int

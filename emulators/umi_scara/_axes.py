@@ -38,7 +38,7 @@ class AxisFacts:
     nominal_counts_per_s : speed at SPEED 100, umi_rtx.md 7
     lower_counts, upper_counts : its own stops [true counts]; infinite where only a combined limit
         holds, umi_rtx.md 5.2
-    home_counts : what is written to CURRENT_POSITION at the end of homing, umi_rtx.md 4.2
+    home_counts : value written to CURRENT_POSITION at the end of homing, umi_rtx.md 4.2
     max_force : default MAX_FORCE, umi_rtx.md 7
     """
 

@@ -22,7 +22,7 @@ class ArmErrors:
         is when its counter means 0
     zed_zero_mm : the same of zed
     jaw_zero_mm : opening when the counter means 0: pads that are thinner than nominal
-    play_counts : of each motor's gears, from one flank to the other
+    play_counts : play of each motor's gears, from one flank to the other
     yaw_per_elbow : heading that a turn of the elbow adds to the nominal half of it
     sag_mm : by how much the stretched arm hangs lower; less as the elbow folds, with the square of
         the reach

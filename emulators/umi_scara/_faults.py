@@ -25,7 +25,7 @@ class Faults:
     reply_delay_s : added to the latency of every reply [world s]
     sticky_busy : numeric go is always answered `03`
     reset_toggles : `20` switches the line over as well
-    restart_code : what a restarted IP answers, `0F` or `0E`
+    restart_code : answer of a restarted IP, `0F` or `0E`
     monitor_rom : the boards hold a ROM that talks in ASCII
     mute : no reply gets back; the arm hears and obeys
     unplugged : no byte gets through, either way

@@ -43,8 +43,8 @@ class ArmModel:
 
     Parameters
     ----------
-    seed : of the true positions at power-up, which nobody but the world can know
-    errors : how this arm differs from its description
+    seed : seed of the true positions at power-up, which nobody but the world can know
+    errors : differences of this arm from its description
     """
 
     def __init__(self, seed: int = 0, errors: ArmErrors = PERFECT) -> None:
@@ -135,7 +135,7 @@ class ArmModel:
         Parameters
         ----------
         axis : the axis
-        counts : how much more it reads than the axis has moved [counts]
+        counts : excess of its reading over the axis's motion [counts]
         """
         self.axes[axis].jump(counts)
 

@@ -26,7 +26,7 @@ class ArmServer:
 
     Parameters
     ----------
-    wire : what answers
+    wire : device that answers
     clock : world time, by which the replies are paced
     link_path : where to put a symbolic link to the terminal, so that its name is stable; a link
         left behind by a predecessor is replaced, anything else is not

@@ -52,13 +52,13 @@ class ArmWire:
     Parameters
     ----------
     model : the body
-    faults : what goes wrong on the line; may be changed at any time
+    faults : faults of the line; may be changed at any time
     strict : answer `0C` to a request that starts less than 8 ms after the one before
     listening : the IP that listens after power-up
 
     Attributes
     ----------
-    to_arm, from_arm : what the line does to bytes in each direction
+    to_arm, from_arm : faults of the line in each direction
     stops : the last ones that a board has heard
     """
 

@@ -47,7 +47,7 @@ class Event:
     ----------
     by : the gripper, or the tray that was emptied; empty for ``lies``
     lowest_mm : of the part, above the table
-    is_held : whether a gripper has the part now
+    is_held : True if a gripper has the part now
     """
 
     at_s: float

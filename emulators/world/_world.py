@@ -491,7 +491,7 @@ class World:
         Parameters
         ----------
         name : ``arm`` for the gripper on the arm, ``fixture`` for the fixed one
-        what : how it is noted among the events
+        what : its name among the events
         """
         gripper = self.arm_gripper if name == "arm" else self.fixed_gripper
         if gripper.hold is not None:
@@ -535,7 +535,7 @@ class World:
         Parameters
         ----------
         index : number of the part
-        by_mm : how far in x and y of the world
+        by_mm : shift in x and y of the world
         turn_rad : about the vertical through its centre of mass
 
         Raises
@@ -556,8 +556,8 @@ class World:
         Parameters
         ----------
         name : ``arm`` for the gripper on the arm, ``fixture`` for the fixed one
-        along_mm : how far along the approach axis, positive towards the TCP's +x
-        turn_rad : how much about the TCP's y, along which the pads open
+        along_mm : shift along the approach axis, positive towards the TCP's +x
+        turn_rad : angle about the TCP's y, along which the pads open
         """
         gripper = self.arm_gripper if name == "arm" else self.fixed_gripper
         T = np.eye(4)

@@ -81,7 +81,7 @@ class Board:
         Parameters
         ----------
         x_mm, y_mm : where the origin of its frame is, seen from above
-        theta_rad : of its x axis against the world's, seen from above if it is flat
+        theta_rad : theta of its x axis against the world's, seen from above if it is flat
         tilt_rad : about its x axis; positive lifts its upper side. It then stands on one edge
         """
         c, s = math.cos(theta_rad), math.sin(theta_rad)
@@ -120,7 +120,7 @@ def read_board(path: Path, scale: float = 1.0) -> Board:
     Parameters
     ----------
     path : the board's own file, or a target file with pictures, which do not matter here
-    scale : of the print about its origin, as a printer enlarges it; the plate stays as it is
+    scale : scale of the print about its origin, as a printer enlarges it; the plate stays as it is
 
     Raises
     ------

@@ -61,7 +61,7 @@ class PlacedBox:
 
     Attributes
     ----------
-    T_world_box : (4, 4) of the frame that the box's corners are given in
+    T_world_box : (4, 4) pose of the frame that the box's corners are given in
     """
 
     box: Box
@@ -89,7 +89,7 @@ class CameraLayout:
     Attributes
     ----------
     blur_px : standard deviation of its lens' blur
-    sensitivity : of lens and sensor, as a factor on what the nominal ones give
+    sensitivity : sensitivity of lens and sensor, as a factor on what the nominal ones give
     """
 
     name: str
@@ -116,9 +116,10 @@ class LampLayout:
     kind : ``panel``, ``ring`` or ``spot``
     centre_mm : (3,) in the world
     normal, up : (3,) of a panel: where it shines to, and the direction of ``size_mm[1]``
-    size_mm : of a panel, across and along ``up``
-    radius_mm, width_mm : of a ring: to the middle of its light, and how wide that is
-    diameter_mm : of a spot
+    size_mm : size of a panel, across and along ``up``
+    radius_mm, width_mm : radius and width of a ring: to the middle of its light, and how wide that
+        is
+    diameter_mm : diameter of a spot
     drop : by which fraction a panel is darker at its corners
     slope : by which fraction its light changes from its middle to its edge, across and along
     """
@@ -159,7 +160,7 @@ class GripperLayout:
 
     Attributes
     ----------
-    T_world_tcp : of the fixed one; identity for the arm's, which moves
+    T_world_tcp : pose of the fixed one; identity for the arm's, which moves
     """
 
     T_world_tcp: Array
@@ -175,8 +176,8 @@ class ArmLayout:
     Attributes
     ----------
     tool_off_mm : of the TCP from the approach axis, along the jaws' axis and across
-    T_world_column : (4, 4) of the frame that the column's corners are given in: it stands on the
-        arm's base, and goes where that goes
+    T_world_column : (4, 4) pose of the frame that the column's corners are given in: it stands on
+        the arm's base, and goes where that goes
     """
 
     T_world_base: Array
@@ -201,7 +202,7 @@ class DriverChoice:
     Attributes
     ----------
     driver : its name, empty for the usual one
-    settings : of the driver
+    settings : settings of the driver
     """
 
     driver: str = ""

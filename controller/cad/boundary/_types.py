@@ -41,18 +41,20 @@ class Face:
     Attributes
     ----------
     id : number of the face, from 0, largest area first
-    kind : what it is
+    kind : type of the surface
     area_mm2 : its area
     normal : (3,) mean outward normal, weighted by area; zeros where it cancels, as round a bore
-    axis : (3,) of a cylinder, cone or torus; zeros otherwise
+    axis : (3,) axis of a cylinder, cone or torus; zeros otherwise
     centre_mm : (3,) area-weighted mean of its triangles; moved onto the axis of a cylinder or a
         cone; the centre of a sphere or a torus
-    radius_mm : of a cylinder or a sphere; of a cone at ``centre_mm``; of a torus its larger one;
-        else 0
-    minor_radius_mm : of a torus, else 0
-    half_angle_rad : of a cone, between axis and wall, else 0; the cone widens along ``axis``
+    radius_mm : radius of a cylinder or a sphere; of a cone at ``centre_mm``; of a torus its larger
+        one; else 0
+    minor_radius_mm : minor radius of a torus, else 0
+    half_angle_rad : half angle of a cone, between axis and wall, else 0; the cone widens along
+        ``axis``
     concave : True for a bore, a fillet, a hollow
-    turn_rad : how far the normals of a cylinder turn round its axis, all round 2 pi; else 0
+    turn_rad : angle over which the normals of a cylinder turn about its axis, 2 pi for a full one;
+        else 0
     """
 
     id: int

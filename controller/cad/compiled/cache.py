@@ -41,7 +41,7 @@ def load_part(
     Parameters
     ----------
     path : CAD file
-    options : what it is compiled with
+    options : compile options
     cache : folder, `cache_dir` otherwise; one that cannot be written costs time, not correctness
     on_stage : called with the name of each stage as it begins
 
@@ -61,7 +61,7 @@ def cached_part(
     Parameters
     ----------
     path : CAD file; what is kept goes by its content, and by the options
-    options : what it was compiled with; None for the defaults
+    options : compile options used; None for the defaults
     cache : folder; None for `cache_dir`
     """
     options = options or CompileOptions()
@@ -96,7 +96,7 @@ def make_part(
     Parameters
     ----------
     path : CAD file
-    options : what it is compiled with; None for the defaults
+    options : compile options; None for the defaults
     cache : folder, None for `cache_dir`; one that cannot be written costs time, not correctness
     on_stage : called with the name of each stage as it begins
 
@@ -127,8 +127,8 @@ def _sampled(part: CompiledPart, options: CompileOptions, file: Path | None) -> 
     Parameters
     ----------
     part : with the usual samples
-    options : what it was compiled with
-    file : of the part in the cache, beside which its samples are kept; None to keep none
+    options : compile options used
+    file : file of the part in the cache, beside which its samples are kept; None to keep none
     """
     if options == _usual(options):
         return part

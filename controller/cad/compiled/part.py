@@ -54,7 +54,7 @@ class CompileOptions:
 
     Attributes
     ----------
-    unit : of a file that does not say its own; None where nobody has said
+    unit : unit of a file that does not say its own; None where nobody has said
     sample_spacing_mm : no spot of a surface is farther than this from a sample; a large part's are
         farther apart
     max_compared : pairs of poses that are compared at most, to state which look alike
@@ -96,14 +96,13 @@ class CompiledPart:
     solid : the part
     resting : its stable poses
     symmetry : the turns that leave it as it is
-    views : of each pose of ``poses``, seen straight from above
+    views : views of each pose of ``poses``, seen straight from above
     look_alikes : pairs of poses that look the same from above
     samples : points on its surfaces, by which coverage is counted; views are chosen by others
     smallest_defect_mm : that samples were drawn for; a large part's may miss it
     features : holes, slots, keyways, pockets, openings, bosses, chamfers, fillets
-    tolerances : what a drawing demands, where the file holds it as meaning
-    warnings : what of the file could not be read, and what of the part was not worked out, in
-        sentences
+    tolerances : tolerances that the file states as data, not only as drawn text
+    warnings : sentences on what could not be read from the file or computed for the part
     """
 
     solid: Solid
@@ -203,7 +202,7 @@ def compile_part(
     Parameters
     ----------
     path : CAD file
-    options : what it is compiled with; None for the defaults
+    options : compile options; None for the defaults
     on_stage : called with the name of each stage as it begins
 
     Raises
@@ -227,8 +226,8 @@ def compile_solid(
     Parameters
     ----------
     solid : checked, as `load_solid` returns it
-    options : what it is compiled with; None for the defaults
-    tolerances, warnings : what its file states beside the solid
+    options : compile options; None for the defaults
+    tolerances, warnings : statements of its file beside the solid
     on_stage : called with the name of each stage as it begins
     """
     options = options or CompileOptions()

@@ -68,8 +68,8 @@ def check_ahead(path: Path, ending: str, size: int) -> None:
     Parameters
     ----------
     path : a regular file, as `size_of` finds
-    ending : of its name, in lower case with the dot
-    size : of the file [bytes]
+    ending : ending of its name, in lower case with the dot
+    size : size of the file [bytes]
 
     Raises
     ------

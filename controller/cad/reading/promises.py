@@ -12,9 +12,9 @@ def check_promises(promised: Mapping[str, int], size: int, path: Path) -> None:
 
     Parameters
     ----------
-    promised : how many of what; ``triangles`` are counted
-    size : of the file [bytes]
-    path : of the file, for messages
+    promised : promised counts; ``triangles`` are counted
+    size : size of the file [bytes]
+    path : path of the file, for messages
 
     Raises
     ------

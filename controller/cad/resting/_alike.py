@@ -60,8 +60,8 @@ class AlikeSearch:
 
     Attributes
     ----------
-    pairs : of the poses gone through
-    pose_count : how many poses, likeliest first, were gone through, each with all before it
+    pairs : pairs of the poses gone through
+    pose_count : number of poses gone through, likeliest first, each compared with all before it
     """
 
     pairs: tuple[LookAlike, ...]

@@ -39,7 +39,7 @@ class Strips:
     Attributes
     ----------
     is_strip : (f,)
-    bulge_mm : (f,) how far the curve stands out over a strip, 0 for a plane
+    bulge_mm : (f,) height of the curve above a strip, 0 for a plane
     is_smooth : (e,) edges inside a curve, or where it runs into a plane
     region : (f,) number of the curve a strip is part of; each plane has one of its own
     is_wide : (f,) strips wider than those beside them, over which the curve hardly bulges
@@ -120,7 +120,7 @@ def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[IntArray
 
     Parameters
     ----------
-    hull : of the part, f facets
+    hull : hull of the part, f facets
     land : where the part ends from each of its facets
     strips : which facets are pieces of a curve
     """

@@ -42,8 +42,8 @@ class RollingFamily:
     radius_mm : (2,) least and greatest distance of the corners that touch the table from the axis
         (from the centre, of a ball)
     heights_mm : (2,) least and greatest height of the centre of mass over the roll
-    arc_rad : how far it rolls, 2 pi if it never stops; for a ball 2 pi too
-    probability, drop_probability : of the family, as of a pose
+    arc_rad : angle that it rolls, 2 pi if it never stops; 2 pi for a ball too
+    probability, drop_probability : probability and drop probability of the family, as of a pose
     downs : (m, 3) directions to the table, CAD frame, of the strips, likeliest first
     probabilities : (m,) quasi-static, of each strip
     """

@@ -30,11 +30,11 @@ class Hull:
     neighbours : (t, 3) triangle beyond the side that is opposite to each corner
     facet : (t,) facet each triangle is part of
     normals : (f, 3) outward
-    heights_mm : (f,) of the centre of mass above each facet
+    heights_mm : (f,) heights of the centre of mass above each facet
     areas_mm2 : (f,)
     edge_ends : (e, 2) corners of the edges between two facets, in the order of the first's outline
     edge_facets : (e, 2) the two facets
-    blur_mm : how far corners of one plane may stray from it
+    blur_mm : largest distance of corners from the plane they share
     """
 
     corners_mm: FloatArray

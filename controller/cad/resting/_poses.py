@@ -38,7 +38,8 @@ class StablePose:
         has no other stable pose
     com_height_mm : height of the centre of mass above the table
     rolling : True where it rests on a curve and would roll on; `RollingFamily` has the rest
-    drop_probability : of a part that is dropped and bounces: solid angle times tip energy
+    drop_probability : drop probability of a part that is dropped and bounces: solid angle times tip
+        energy
     stability_rank : 1 for the pose hardest to tip, as the paper's Table 1 is ranked
     topple_direction : (3,) unit, CAD frame, level in this pose: to where it tips most easily
     marginal : True where a lift of 0.5 mm tips it: predicted, but not seen in drops
@@ -87,7 +88,7 @@ class Resting:
     centre_of_mass_mm : (3,) CAD frame
     facet_downs : (n, 3) directions to the table of every hull facet that holds the centre, CAD
         frame, likeliest first: the poses before curves are told apart from planes
-    facet_probabilities : (n,) of them, quasi-static; they sum to 1
+    facet_probabilities : (n,) probabilities of them, quasi-static; they sum to 1
     facet_pose : (n,) pose each belongs to, -1 where it is rarer than asked
     """
 

@@ -69,7 +69,7 @@ def with_rings(hull: Hull, strips: Strips, axes: tuple[FloatArray, FloatArray]) 
 
     Parameters
     ----------
-    hull : of the part
+    hull : hull of the part
     strips : found in the facets alone
     axes : directions (a, 3) and points on them (a, 3), from the centre of mass, CAD frame's axes
     """
@@ -86,7 +86,7 @@ def axes_of(faces: tuple[Face, ...], centre_mm: FloatArray) -> tuple[FloatArray,
 
     Parameters
     ----------
-    faces : of the part; a disc's axis is its normal
+    faces : faces of the part; a disc's axis is its normal
     centre_mm : (3,) where points are counted from, CAD frame
     """
     directions: list[FloatArray] = []

@@ -33,7 +33,8 @@ class Surface:
     ----------
     mesh : closed
     centre_mm : (3,) which the movements keep
-    tolerance_mm : what counts as the same, besides how far chords stay inside curves
+    tolerance_mm : distance up to which shapes count as the same, beyond the sagitta of chords
+        inside curves
     """
 
     def __init__(self, mesh: trimesh.Trimesh, centre_mm: FloatArray, tolerance_mm: float) -> None:

@@ -38,7 +38,7 @@ class PartSymmetry:
     ----------
     rotations : (k, 3, 3) in the CAD frame's axes, the identity first; of a part of revolution only
         those that do not follow from its axis
-    axis : (3,) of revolution, CAD frame, or None
+    axis : (3,) axis of revolution, CAD frame, or None
     is_ball : any turn leaves it as it is
     mirror : (3, 3) a reflection, or a reflection and a turn, that leaves it as it is; None if the
         part is chiral
@@ -76,7 +76,8 @@ def part_symmetries(
     ----------
     solid : any
     tolerance_mm : points that match this well, chords of curves allowed for, are the same
-    centre_of_mass_mm : (3,) of a part that is not of one density: symmetries that move it are none
+    centre_of_mass_mm : (3,) centre of mass of a part that is not of one density: symmetries that
+        move it are none
     """
     surface = Surface(solid.mesh, solid.centroid_mm, tolerance_mm)
     inertia = np.asarray(solid.mesh.moment_inertia, dtype=np.float64)

@@ -25,7 +25,7 @@ class Landscape:
     ----------
     rest : (f,) facet on which a part ends that lands on this one
     probabilities : (f,) quasi-static, of ending on a facet; 0 where it does not stay
-    shares : (f,) of the sphere, of landing on a facet
+    shares : (f,) shares of the sphere, of landing on a facet
     pass_mm : (e,) height of the centre on the way over each hull edge
     """
 

@@ -77,7 +77,8 @@ def counted_defect_mm(samples: SurfaceSamples, smallest_mm: float) -> float:
 
     Parameters
     ----------
-    samples : of `counted_samples`, or any whose reach is known; others are taken as near enough
+    samples : samples of `counted_samples`, or any whose reach is known; others are taken as near
+        enough
     smallest_mm : size of the smallest defect that they were drawn for
     """
     counted_mm = (samples.reach_mm or 0.0) / SAMPLE_SHARE

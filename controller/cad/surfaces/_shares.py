@@ -41,7 +41,7 @@ def face_shares(
     ----------
     samples : m of them, each for the surface nearest to it
     chosen : (m,) bool
-    face_count : of the part
+    face_count : number of faces of the part
     """
     variances = _variances_mm4(samples, chosen)
     shares, uncertain = np.zeros(face_count), np.ones(face_count)

@@ -25,7 +25,7 @@ class Rim:
     point_mm : (3,) where its level crosses the axis
     radius_mm : mean distance of its points from the axis
     beyond : face on its other side
-    crease : how the wall and that face meet
+    crease : type of the edge where the wall meets that face
     """
 
     loop: int
@@ -214,7 +214,7 @@ class End:
     Attributes
     ----------
     point_mm : (3,) on the axis
-    radius_mm : of the rim there, 0 at an apex
+    radius_mm : radius of the rim there, 0 at an apex
     is_open : True where the wall ends in a convex edge: at a mouth, or at the free end of a boss
     beyond : face that closes it, or round its mouth; None at an apex
     """

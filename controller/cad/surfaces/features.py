@@ -38,14 +38,14 @@ class Feature:
 
     Attributes
     ----------
-    kind : what it is
+    kind : type of the feature
     faces : ids of its surfaces
-    diameter_mm : of a hole's narrowest cylinder, of a boss, of the round of a fillet, of a
+    diameter_mm : diameter of a hole's narrowest cylinder, of a boss, of the round of a fillet, of a
         chamfer round an axis where it is widest; else 0
-    depth_mm : of a hole or a slot from its mouth to its bottom, tip included, or to its other
+    depth_mm : depth of a hole or a slot from its mouth to its bottom, tip included, or to its other
         mouth; height of a boss; else 0; slots stand for keyways, pockets and openings, too
-    width_mm : of a slot between its nearest walls, of a chamfer across its face; else 0
-    length_mm : of a slot from end to end, of a chamfer or a fillet along its edge; else 0
+    width_mm : width of a slot between its nearest walls, of a chamfer across its face; else 0
+    length_mm : length of a slot from end to end, of a chamfer or a fillet along its edge; else 0
     axis : (3,) into the material of a hole or a slot, out of it for a boss, along a fillet or a
         chamfer
     position_mm : (3,) middle of the mouth, of the free end of a boss, of a chamfer or a fillet

@@ -24,7 +24,7 @@ class ViewModel:
     ----------
     solid : the part
     caster : rays against its mesh
-    vertices_mm : (v, 3) of the mesh, CAD frame
+    vertices_mm : (v, 3) vertices of the mesh, CAD frame
     triangles : (t, 3) their corners
     heights_mm, longest_mm : (t,) smallest height of each triangle, and its longest side
     ends : (e, 2) vertices of each mesh edge

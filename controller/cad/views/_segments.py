@@ -26,7 +26,7 @@ def crowding(tree: shapely.STRtree, p: FloatArray, q: FloatArray) -> float:
 
     Parameters
     ----------
-    tree : of other segments in the same plane
+    tree : tree of other segments in the same plane
     p, q : (n, 2) where the given ones start and end
     """
     some = np.unique(np.linspace(0, max(len(p) - 1, 0), SAMPLE).astype(np.int64))[: len(p)]
@@ -43,7 +43,7 @@ def near_pairs(
 
     Parameters
     ----------
-    tree : of the segments' boxes
+    tree : tree of the segments' boxes
     p, q : (n, 2); equal for points
     reach : one or (n,)
 

@@ -21,7 +21,7 @@ class Stroke:
     Attributes
     ----------
     start, end : (2,)
-    centre : (2,) of the ellipse an arc is part of; None for a straight line
+    centre : (2,) centre of the ellipse an arc is part of; None for a straight line
     axes : (2, 2) the ellipse's half axes as rows, of equal length for a circle; None for a line
     sweep_rad : turned through from start to end in the ellipse's own angle, 0 for a line; its
         sign is that of a turn from the first half axis towards the second
@@ -72,8 +72,8 @@ class DrawnEdge:
     points_mm : (n, 3) the same in the CAD frame
     edge : CAD edge, -1 where it is the silhouette of a curved face
     face : of a silhouette, the curved face; -1 otherwise
-    kind : how the edge looks: a crease, a smooth join of two faces, or the rim of a curved face,
-        which the part may turn away along a smooth join too: that has its ``edge``
+    kind : type of the edge: a crease, a smooth join of two faces, or the rim of a curved face. A
+        smooth join is such a rim too where the part turns away along it; then ``edge`` is set
     on_outline : part of the occluding boundary
     starts_phantom, ends_phantom : its end is no corner of the part, but where it passes behind
     """
@@ -94,11 +94,12 @@ class LineView:
 
     Attributes
     ----------
-    loops : of the occluding boundary, outer loops first, the largest one before all
+    loops : loops of the occluding boundary, outer loops first, the largest one before all
     edges : visible edges, hidden parts removed, doubled lines merged
-    area, perimeter : of the outline, holes taken out and counted in
-    centroid : (2,) of the filled outline
-    second_moments : (2, 2) of the filled outline about its centroid, divided by its area
+    area, perimeter : area and perimeter of the outline, holes taken out and counted in
+    centroid : (2,) centroid of the filled outline
+    second_moments : (2, 2) second moments of the filled outline about its centroid, divided by its
+        area
     """
 
     loops: tuple[Loop, ...]

@@ -40,7 +40,7 @@ class PlanAction:
     views : collected first, so that nothing is shown twice
     held_pose : measures how the part is held
     motion : where the arm stands
-    record : what is known of the part
+    record : record of the part
     """
 
     compute: Compute

@@ -29,7 +29,7 @@ class RecoverAction:
 
     Attributes
     ----------
-    resumption : what was accepted; takes the part over
+    resumption : accepted proposal; takes over the part
     motion, grippers, record : services
     fixed : its opening
     compute, layout : for the way home of an empty arm

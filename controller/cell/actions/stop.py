@@ -24,7 +24,7 @@ class HoldAction:
     Attributes
     ----------
     stopping : stops devices and waits until they confirm it
-    views : of the part; those still being judged are dropped
+    views : views of the part; those still being judged are dropped
     """
 
     stopping: Stopping
@@ -44,7 +44,7 @@ class StopMotionAction:
     Attributes
     ----------
     stopping : stops devices and waits until they confirm it
-    views : of the part; those still being judged are dropped
+    views : views of the part; those still being judged are dropped
     """
 
     stopping: Stopping
@@ -66,7 +66,7 @@ class AbortMotionAction:
     Attributes
     ----------
     stopping : stops the devices
-    views : of the part; those still being judged are dropped
+    views : views of the part; those still being judged are dropped
     journal : gets which devices stopped and which did not
     """
 

@@ -29,11 +29,11 @@ class Alarm:
     ----------
     number : for messages, reports and people on the telephone; never given to another alarm
     code : stable short name, in the journal and in JSON
-    severity : what the cell does
+    severity : reaction of the cell
     device : that it is about; "device" where the message names it
-    words : what happened
-    unknown : what is not known from now on; "nothing" if all is known
-    action : what a person does about it
+    words : description of the event
+    unknown : state that is unknown from now on; "nothing" if all is known
+    action : action required of a person
     """
 
     number: int

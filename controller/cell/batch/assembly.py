@@ -97,7 +97,7 @@ class Batch:
     ----------
     record : the part at hand and those done
     motion : the arm
-    gate : what everything passes before it moves
+    gate : gate that every motion passes
     actions : one for each effect of the table
     dispatcher : runs the batch
     resumption : whether it begins with the part of an interrupted run
@@ -130,7 +130,7 @@ def product_of(
     compute : the compute service of the recipe
     recipe, cell : as read from their files
     count : parts that were ordered
-    number : of the recipe in the order, from 0
+    number : number of the recipe in the order, from 0
     ahead : the same service by a worker process that nothing waits for; None for none
     """
     faults = faults_section(cell, recipe)
@@ -164,16 +164,16 @@ def assemble(
     cell : as read from its file
     layout : the cell as planning sees it
     devices : the drivers, connected or not
-    clock : of the cell
-    journal : of the run
-    folder : of the run, for its pictures
-    progress, on_progress : what the operator sees; called after each change of it
+    clock : clock of the cell
+    journal : journal of the run
+    folder : folder of the run, for its pictures
+    progress, on_progress : state shown to the operator; called after each change of it
     operator : answers questions
     numbers : where serial numbers and lots of the parts come from
     stored : parts that stand in the trays
     on_alarm : called with each event that raises an alarm; must return at once
     is_stepwise : the operator lets each motion begin
-    calibration : what of the cell's calibrations no longer counts
+    calibration : calibrations of the cell that no longer count
     """
     gripper, lights, io = devices.gripper, devices.lights, devices.io
     arm, arm_in_use = counted(devices.arm, clock, devices.wires.line("arm verbs"))

@@ -30,9 +30,9 @@ class Beginning:
     Attributes
     ----------
     began : the first row
-    calibration : what of the cell's calibrations does not count
+    calibration : calibrations of the cell that do not count
     known : grippers that may hold a part, by the journals of all runs
-    stored : what stands in the trays
+    stored : contents of the trays
     """
 
     began: rows.RunBegan
@@ -52,9 +52,9 @@ async def begin(
 
     Parameters
     ----------
-    order : what to run
+    order : order to run
     began : the first row
-    journal : of the cell
+    journal : journal of the cell
     stamps : the clock that calibrations age by
     on_notice : called with sentences that the operator should read
 
@@ -95,7 +95,7 @@ def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.R
 
     Parameters
     ----------
-    order : what to run
+    order : order to run
     where : the devices' settings, as `resolve` found them
     """
     # all devices on an emulator's clock are emulated, also those whose address was given by hand;
@@ -174,7 +174,7 @@ def _note_standing(journal: Journal, cell_path: Path, cell: Cell, now: datetime)
 
     Parameters
     ----------
-    journal : of the cell, with the runs before this one
+    journal : journal of the cell, with the runs before this one
     cell_path, cell : the cell file, and what it holds
     now : with its offset from UTC
 

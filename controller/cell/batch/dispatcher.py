@@ -55,7 +55,7 @@ class Outcome:
     Attributes
     ----------
     end : state it came to rest in; refused where nothing was allowed to move
-    message : what happened, for the operator; empty when all went well
+    message : message for the operator; empty when all went well
     code : stable short name of what happened, as in the manual
     where : where the part is
     step : in which it happened; empty if no action ended in it
@@ -82,7 +82,7 @@ class _Note:
     of : the effect that ended in it
     who, why : the person who sent it, and the reason given
     answer : gets what the machine decided
-    lost : why nothing can be recorded any more
+    lost : reason why nothing can be recorded any more
     """
 
     event: Event
@@ -110,7 +110,7 @@ class Dispatcher:
     record : has where the part is, for the outcome
     stopping : halts the arm before a task is cancelled
     watchers : report what no action reports
-    journal : of the run
+    journal : journal of the run
     gate : opened and closed, and given its permit, as the machine decides
     interlocks : say whether a door is open
     standstill : knows what moves first when a pause ends

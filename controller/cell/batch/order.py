@@ -18,7 +18,7 @@ class Papers:
 
     Attributes
     ----------
-    serials : of the parts, in the order they are worked on
+    serials : serials of the parts, in the order they are worked on
     part_temperature_c : None if nobody measured it
     listed : label of each part of a list, with the number of its recipe
     counted_from : first of the serial numbers that are counted up; empty if none are
@@ -76,12 +76,12 @@ class RunOrder:
     Attributes
     ----------
     recipe_path, recipe, count : the first recipe, and how many parts of it
-    emulated : what the emulator reported of itself, empty on a real cell
-    clock : of the cell
+    emulated : report of the emulator about itself; empty on a real cell
+    clock : clock of the cell
     runs_dir : folder of all runs; the cell's journal stands in it
     is_part_removed : the operator states that no gripper holds anything
-    papers : who runs it, and which parts, for the report
-    recovery : what to do with a part that an earlier run left in a gripper
+    papers : operator and part labels, for the report
+    recovery : decision on a part that an earlier run left in a gripper
     is_stepwise : the operator lets each motion begin
     are_trays_empty : the operator states that nothing stands in the trays
     beside : further recipes, of other parts

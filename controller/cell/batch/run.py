@@ -67,9 +67,9 @@ class RunResult:
     Attributes
     ----------
     parts : and what became of each
-    speed : of the cell's time
-    why_not_verified : why nobody knows that the cell stands as it is taken to; empty if it is
-        verified, or emulated as drawn
+    speed : speed of the cell's time
+    why_not_verified : reason why the cell's verification does not count; empty if it does, or if
+        the cell is emulated as drawn
     """
 
     outcome: Outcome
@@ -107,12 +107,12 @@ async def run_batch(
 
     Parameters
     ----------
-    order : what to run, and where its files go
+    order : order to run, and the folder for its files
     pool : the worker process
     on_progress : called on the event loop with every change; must return at once
     on_dispatcher : called once before devices are connected, with what can stop the run
     on_notice : called with sentences that the operator should read
-    outfit : what it works with on this computer
+    outfit : services of this computer that the run uses
     operator : decides what the cell cannot
     ahead : a worker process for the next part, while the arm has the one before; None for none
     callers : whose orders to stop the supervisor takes while the event loop is late

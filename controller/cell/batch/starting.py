@@ -56,7 +56,7 @@ async def start(
     ----------
     order : says who decides
     devices : connected, and halted
-    journal : of the cell; gets evidence and decision
+    journal : journal of the cell; gets evidence and decision
     known : grippers that may hold a part, by the journals of all runs
     began : the first row of this run
     layout : for the preview of the first motion
@@ -164,7 +164,7 @@ async def find_proposal(
     Parameters
     ----------
     devices : connected, and halted
-    journal : of the cell
+    journal : journal of the cell
     known : grippers that may hold a part, by the journals of all runs
     began : the first row of this run
     layout : for the preview of the first motion
@@ -312,8 +312,8 @@ def refuse(
 
     Parameters
     ----------
-    journal : of the cell
-    message, code : why
+    journal : journal of the cell
+    message, code : reason, and its code
     where : the part is, or what has not moved, as a sentence
     custody : which gripper may have a part; None if nobody has looked
     """

@@ -15,19 +15,20 @@ class CellStatus:
     Attributes
     ----------
     at_s : the cell's clock [cell s]
-    state : of the machine
-    label : what is being done, for people
+    state : state of the machine
+    label : current activity, for people
     step, step_count : of the plan, from 1; 0 without one
     custody : which gripper, tray or table has the part
     remaining_s : of the plan [cell s]; None if nobody knows
-    message : of the last fault or problem
+    message : message of the last fault or problem
     alarm : its number and words; empty without one
     point : the safe point at which the cell stands
     wanted : the pause that is wanted and not reached yet
-    pause_s : how long each kind of pause takes to begin, at most [cell s]
-    first : what moves first when the pause ends; None if nothing is paused
-    barred : what has to be done before a resume is taken; empty if nothing
-    recipe, serial : of the part at hand; empty before it was recognised, or where it has none
+    pause_s : longest time until each kind of pause begins [cell s]
+    first : first motion after the pause; None if nothing is paused
+    barred : condition for a resume; empty if it is allowed
+    recipe, serial : recipe and serial of the part at hand; empty before it was recognised, or where
+        it has none
     done : by recipe, parts done and parts ordered
     signals : inputs of the I/O block by name: whether each is OK, None if nobody knows
     """

@@ -51,12 +51,12 @@ class Bench:
     layout : the cell as planning sees it
     devices : connected and halted
     arm : that of the devices; it knows whether it is being used
-    clock : of the cell
+    clock : clock of the cell
     motion, imaging, gate, interlocks : services
     person : answers and lends a hand
     evidence : keeps what is found
     emulated : names of the devices that are
-    by : who commissions
+    by : name of the person who commissions
     based_on : hashes of the calibrations that the step uses
     note : takes a row of the journal
     recipes : files of those that the cell is to run
@@ -192,7 +192,7 @@ class Bench:
         Parameters
         ----------
         q : where to
-        scene : what the arm carries, and may not touch
+        scene : load on the arm, and the obstacles
         what : it goes there for, as a message begins
 
         Raises

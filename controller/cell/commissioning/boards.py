@@ -49,7 +49,7 @@ def board_file(bench: Bench, name: str) -> Path:
 
     Parameters
     ----------
-    bench : of the step
+    bench : bench of the step
     name : ``charuco`` or ``paddle``
     """
     own = bench.evidence.folder.parent.parent / "boards" / f"{name}.json"
@@ -139,9 +139,9 @@ async def look(
 
     Parameters
     ----------
-    bench : of the step
+    bench : bench of the step
     camera : which takes it
-    name, caption : of the picture as evidence
+    name, caption : name and caption of the picture as evidence
     lamp : None for the camera's ring
 
     Raises
@@ -189,9 +189,9 @@ async def lay(bench: Bench, file: Path, text: str, **place: Any) -> None:  # noq
 
     Parameters
     ----------
-    bench : of the step
-    file : of the board
-    text : what a person is to do
+    bench : bench of the step
+    file : file of the board
+    text : instruction for a person
     place : where, as the order to an emulated cell has it
 
     Raises
@@ -207,9 +207,9 @@ async def put_away(bench: Bench, file: Path, text: str) -> None:
 
     Parameters
     ----------
-    bench : of the step
-    file : of the board
-    text : what a person is to do
+    bench : bench of the step
+    file : file of the board
+    text : instruction for a person
 
     Raises
     ------
@@ -226,7 +226,7 @@ async def go_to(
 
     Parameters
     ----------
-    bench : of the step
+    bench : bench of the step
     scene : with what the arm carries
     q : where to
     what : it goes there for, as a message begins
@@ -248,9 +248,9 @@ class PlateInJaws:
 
     Parameters
     ----------
-    bench : of the step
+    bench : bench of the step
     plate : as it is handed over
-    file : of its board
+    file : file of its board
     """
 
     def __init__(self, bench: Bench, plate: HeldPlate, file: Path) -> None:
@@ -266,7 +266,7 @@ class PlateInJaws:
 
         Parameters
         ----------
-        seed : of how an emulated person holds it
+        seed : seed of how an emulated person holds it
         force : MAX_FORCE of the jaws
 
         Raises
@@ -348,7 +348,7 @@ class PlateInJaws:
         Parameters
         ----------
         camera : that is to see it
-        region : how far from the camera
+        region : distance range from the camera
         count : enough of them
         rng : draws them
         is_front : which face
@@ -380,7 +380,7 @@ class PlateInJaws:
         ----------
         camera : that is to see it
         q : (6,) where to
-        name : of the picture
+        name : name of the picture
         from_below : as `go_to`
 
         Raises

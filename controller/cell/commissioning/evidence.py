@@ -16,7 +16,7 @@ class Evidence:
 
     Parameters
     ----------
-    folder : of this run's evidence; it exists
+    folder : folder of this run's evidence; it exists
     show : takes a line for whoever watches
     """
 
@@ -42,7 +42,7 @@ class Evidence:
 
         Parameters
         ----------
-        name : what it is of
+        name : name of its subject
         value, unit : measured
         uncertainty : standard uncertainty; None if nobody worked it out
         low, high : limits, None for none
@@ -71,7 +71,7 @@ class Evidence:
         ----------
         name : of its file, without suffix
         picture : (height, width)
-        caption : what it shows
+        caption : caption of the picture
 
         Raises
         ------

@@ -64,7 +64,7 @@ class Person:
         Parameters
         ----------
         code : stable short name of the question
-        text : what is asked
+        text : question
         choices : the possible answers
 
         Raises

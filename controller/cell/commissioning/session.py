@@ -38,8 +38,8 @@ class CommissionOrder:
     Attributes
     ----------
     cell_path : the nominal cell file
-    folder : what is kept
-    by : who commissions
+    folder : folder of the commissioning
+    by : name of the person who commissions
     recipes : files of those that the cell is to run
     """
 
@@ -82,9 +82,9 @@ class Session:
 
     Parameters
     ----------
-    order : what to commission
-    emulated : what the emulator reported of itself; empty without one
-    clock : of the cell
+    order : order to commission
+    emulated : report of the emulator about itself; empty without one
+    clock : clock of the cell
     operator : answers for a person
     helper : does errands in an emulated cell; None if a person does
     show : takes a line for whoever watches

@@ -77,14 +77,14 @@ class VisitOrder:
     Attributes
     ----------
     step : to run
-    recipe : what the journal has as the recipe, its name at least
+    recipe : recipe for the journal, its name at least
     cell : as commissioned so far
-    digest : of what the nominal cell file describes
-    emulated : what the emulator reported of itself; empty without one
-    clock : of the cell, as it was found
-    folder : of the commissioning; the journal stands in it
-    run_id : of this visit
-    by : who commissions
+    digest : digest of what the nominal cell file describes
+    emulated : report of the emulator about itself; empty without one
+    clock : clock of the cell, as it was found
+    folder : folder of the commissioning; the journal stands in it
+    run_id : run id of this visit
+    by : name of the person who commissions
     based_on : hashes of the calibrations that the step uses
     files : SHA-256 of what was read, by path
     is_dry : only motions, for a part that is not there
@@ -113,7 +113,7 @@ class Visit:
 
     Parameters
     ----------
-    order : what to run
+    order : order to run
     operator : answers for a person
     helper : does errands in an emulated cell; None if a person does
     evidence : keeps what is found

@@ -112,7 +112,7 @@ def plan(
     seen : (n,) bool, samples that need not be shown again
     avoid : ids of grasps that have failed
     alternatives : the other parts and poses that recognition has not excluded
-    around : what else is in the cell
+    around : other objects in the cell
     short : faces to show again, from other grasps
 
     Raises
@@ -135,7 +135,7 @@ class Pickable:
     Attributes
     ----------
     path_count : paths a gripper has to it; 0 where it cannot be taken
-    forecast_s : how long its inspection takes, by the certificate of its stable pose [cell s]
+    forecast_s : duration of its inspection by the certificate of its stable pose [cell s]
     """
 
     path_count: int = 0
@@ -206,7 +206,7 @@ def plan_to_trays(job: Job, start: Start, avoid: frozenset[str], around: Around 
     job : which recipe on which cell
     start : where the part is
     avoid : ids of grasps that have failed
-    around : what else is in the cell
+    around : other objects in the cell
 
     Raises
     ------
@@ -243,7 +243,7 @@ def identify(
     job : which recipe on which cell
     ambiguity : the hypotheses, and the view that decides between them
     q : (6,) configuration of the arm
-    opening_mm : of the arm gripper
+    opening_mm : opening of the arm gripper
     backlit, lit : pictures of the view
     """
     return planning.identify(ambiguity, context(job).layout, q, opening_mm, backlit, lit).left
@@ -263,9 +263,9 @@ def path_home(
     ----------
     job : which recipe on which cell
     q : (6,) configuration of the arm
-    arm_opening_mm, fixed_opening_mm : how wide both grippers are open
-    T_part_tcp : (4, 4) of a part that may still be in the arm gripper, or None
-    around : what else is in the cell
+    arm_opening_mm, fixed_opening_mm : openings of both grippers
+    T_part_tcp : (4, 4) pose of a part that may still be in the arm gripper, or None
+    around : other objects in the cell
 
     Raises
     ------
@@ -294,10 +294,10 @@ def homing_swept(
     job : which recipe on which cell
     low, high : (6,) bounds of where the arm stands
     arm_opening_mm : of the arm gripper on the part; None for an empty one, however wide
-    T_part_tcp : (4, 4) of a part in the arm gripper, or None
+    T_part_tcp : (4, 4) pose of a part in the arm gripper, or None
     fixed_opening_mm : of the fixed gripper
     T_part_fixed : (4, 4) T_part_tcp of a part in the fixed gripper, or None
-    around : what else is in the cell
+    around : other objects in the cell
     """
     layout = layout_among(context(job), around)
     phases = layout.arm.homing_sweep(low, high)
@@ -334,9 +334,9 @@ def proven_back(
     q : (6,) where the arm stands
     q_begin : (6,) where its move began
     arm_opening_mm, fixed_opening_mm : of the two grippers
-    T_part_tcp : (4, 4) of a part in the arm gripper, or None
+    T_part_tcp : (4, 4) pose of a part in the arm gripper, or None
     T_part_fixed : (4, 4) T_part_tcp of a part in the fixed gripper, or None
-    around : what else is in the cell
+    around : other objects in the cell
     """
     layout = layout_among(context(job), around)
     carried, standing = _held(job, T_part_tcp, T_part_fixed)
@@ -404,9 +404,9 @@ def locate(
     Parameters
     ----------
     job : which recipe on which cell
-    view_id : what the view is called
+    view_id : id of the view
     T_world_part : (4, 4) where the part should be
-    holder : what of the cell may be in the picture
+    holder : objects of the cell that may be in the picture
     backlit, lit : pictures in front of the backlight panel, and by lamp
     is_hold_measured : an earlier view has confirmed how the part is held
     """
@@ -444,9 +444,9 @@ def inspect(
     Parameters
     ----------
     job : which recipe on which cell
-    view_id : what the view is called
+    view_id : id of the view
     T_world_part : (4, 4) where the part should be
-    holder : what of the cell may be in the picture
+    holder : objects of the cell that may be in the picture
     backlit, lit : pictures in front of the backlight panel, and by lamp
     is_hold_measured : an earlier view has confirmed how the part is held
     """
@@ -484,7 +484,7 @@ def inspect_on_table(
     Parameters
     ----------
     job : which recipe on which cell
-    view_id : what the view is called
+    view_id : id of the view
     T_world_part : (4, 4) where the part is
     backlit, lit : pictures of the light table, and by lamp
     """
@@ -528,8 +528,8 @@ def find_hold(
     ----------
     job : which recipe on which cell
     T_world_part : (4, 4) where it should be
-    T_part_tcp : (4, 4) how it should be held
-    holder : what of the cell may be in the picture
+    T_part_tcp : (4, 4) intended grasp
+    holder : objects of the cell that may be in the picture
     backlit : picture in front of the backlight panel
     """
     c = context(job)
@@ -552,8 +552,8 @@ def judge_ahead(job: Job, set_path: Path, text: str, view_count: int) -> bool:
     ----------
     job : which recipe on which cell
     set_path : the file of the part's views, to be written
-    text : what would be in it by now, of the grasps that are over
-    view_count : how many views there will be
+    text : state of the inspection so far, over all grasps that are over
+    view_count : number of views planned
 
     Raises
     ------

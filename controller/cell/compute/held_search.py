@@ -39,7 +39,7 @@ def find_hold(
     part : the part, with its ray caster
     samples : its surface samples, in the part frame
     task : the view, with the pose the part should have
-    T_part_tcp : (4, 4) how the arm gripper should hold it
+    T_part_tcp : (4, 4) intended grasp of the arm gripper
     backlit : picture in front of the backlight panel
     """
     width, height = task.camera.size_px

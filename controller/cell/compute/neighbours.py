@@ -30,7 +30,7 @@ def layout_among(known: Context, around: Around) -> CellLayout:
     Parameters
     ----------
     known : recipe, cell and parts
-    around : what else is in the cell
+    around : other objects in the cell
     """
     layout = known.layout
     if around.neighbours:

@@ -52,7 +52,7 @@ def begin(answer: Coroutine[Any, Any, Answer]) -> asyncio.Task[Answer]:
 
     Parameters
     ----------
-    answer : of a question
+    answer : answer of a question
     """
     task = asyncio.ensure_future(answer)
     task.add_done_callback(lambda done: done.cancelled() or done.exception())

@@ -83,7 +83,7 @@ class RunningCell:
         Parameters
         ----------
         name : of its endpoint
-        body : who, why and what else it has
+        body : person, reason and further fields
 
         Raises
         ------

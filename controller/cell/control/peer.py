@@ -16,7 +16,7 @@ class Peer:
     Attributes
     ----------
     pid : its number
-    uid : of its user
+    uid : uid of its user
     """
 
     pid: int

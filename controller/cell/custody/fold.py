@@ -86,7 +86,7 @@ class CellIdentity:
 
     Attributes
     ----------
-    name : of the cell, as its file says
+    name : name of the cell, as its file says
     grippers : where each one is; for an emulated one, its emulator's process, with which it ends
     emulated : those that the run's own emulator provides
     """
@@ -136,7 +136,7 @@ class Held:
     Attributes
     ----------
     since : when that row was written, UTC
-    detail : of that row, or the action that was cut off
+    detail : detail of that row, or the action that was cut off
     """
 
     gripper: GripperName

@@ -60,12 +60,12 @@ class _Note:
 
     Attributes
     ----------
-    path : of the note
+    path : path of the note
     journal : the file
-    began : what the first row of its latest run says of the cell; None if the note is unreadable
-    order_us : of that run
+    began : statement of the cell in the first row of its latest run; None if the note is unreadable
+    order_us : order of that run
     head : its last secured row; None if that is not known
-    flaw : why the note cannot be read; empty if it can
+    flaw : reason why the note cannot be read; empty if it can
     """
 
     path: Path
@@ -120,7 +120,7 @@ def open_noted_journal(
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     run : that is to write
     began : the body of its first row; None for a command that has none
     stamps : the clocks that rows are stamped by
@@ -148,7 +148,7 @@ def why_lost(path: Path, began: RunBegan | None = None) -> str:
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     began : the body of a run's first row; None to ask only whether there is a file
 
     Raises
@@ -173,7 +173,7 @@ def lost_words(path: Path, why: str) -> str:
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     why : it is lost
     """
     return (
@@ -191,7 +191,7 @@ def lost_rows(path: Path, why: str) -> list[Row]:
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     why : it is lost
     """
     return [_unknown(f"in {path}", datetime.now(UTC), why)]
@@ -226,7 +226,7 @@ def note_journal(journal: Journal, began: RunBegan) -> None:
 
     Parameters
     ----------
-    journal : of the run, with the run's first row on the disk
+    journal : journal of the run, with the run's first row on the disk
     began : the body of that row
 
     Raises

@@ -38,7 +38,7 @@ class ReleaseGuard:
 
         Parameters
         ----------
-        opening_mm : how wide
+        opening_mm : opening of the jaws
         custody : where the part is now
         lets_go : the part is meant to stay where the jaws are: in its tray, on the table
 
@@ -62,7 +62,7 @@ class ReleaseGuard:
 
         Parameters
         ----------
-        opening_mm : how wide
+        opening_mm : opening of the jaws
         custody : where the part is now
         gripped_mm : opening of the arm gripper since it closed on the part
 

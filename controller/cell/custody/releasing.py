@@ -59,8 +59,8 @@ class Standing:
     ----------
     known : from the journals of all runs
     openings : from the grippers themselves
-    notice : what was wrong with the journal; empty if nothing was
-    leases : what the last run had when its controller died
+    notice : fault found in the journal; empty if there was none
+    leases : leases that the last run held when its controller died
     unknown : grippers that cannot be read, and of which no journal has recorded anything
     """
 

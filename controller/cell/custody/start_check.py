@@ -87,8 +87,8 @@ def note_taken_out(journal: Journal, known: Iterable[Held]) -> None:
 
     Parameters
     ----------
-    journal : of the run that learns it
-    known : what the grippers held
+    journal : journal of the run that learns it
+    known : state of the grippers as recorded
     """
     for run, part in {(one.run, one.part) for one in known if one.part}:
         gone = rows.PartFollowed(run=journal.run, custody=Custody.REMOVED.key)

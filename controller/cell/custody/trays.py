@@ -68,9 +68,9 @@ def next_nest(stored: Iterable[rows.StoredFields], tray: str, count: int) -> int
 
     Parameters
     ----------
-    stored : what stands in the trays
+    stored : contents of the trays
     tray : its name
-    count : of its nests
+    count : number of its nests
     """
     taken = {one.nest for one in stored if one.tray == tray}
     return next((number for number in range(count) if number not in taken), None)

@@ -115,7 +115,7 @@ class DeviceBuilder:
     cell : as its file describes it
     where : address of each device, as `resolve` returns it
     clock : the clock of the devices
-    wires : what records the devices' wires or plays them
+    wires : recorder or player of the devices' wires
     """
 
     def __init__(
@@ -255,8 +255,8 @@ class Devices:
     Attributes
     ----------
     links : the Modbus lines they are on
-    jaws_found : how the arm gripper stood when the arm answered first
-    wires : what records the devices' wires or plays them
+    jaws_found : state of the arm gripper at the arm's first reply
+    wires : recorder or player of the devices' wires
     """
 
     arm: Arm
@@ -284,7 +284,7 @@ class Devices:
         cell : as its file describes it
         where : address of each device, as `resolve` returns it
         clock : the clock of the devices
-        wires : what records the devices' wires or plays them
+        wires : recorder or player of the devices' wires
 
         Raises
         ------

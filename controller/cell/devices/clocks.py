@@ -33,11 +33,11 @@ class FoundClock:
 
     Attributes
     ----------
-    path : of an emulator's clock, None for the wall clock
+    path : path of an emulator's clock, None for the wall clock
     speed : cell seconds per second, as requested
     is_mixed : some devices are emulated and some are not
     monotonic : reads the wall clock [s], as the event loop's timers do
-    beat_wall_s : how often the loop is looked at for being late
+    beat_wall_s : interval at which the loop is checked for lateness
     """
 
     path: Path | None = None
@@ -160,7 +160,7 @@ class Speed:
     Attributes
     ----------
     asked, reached : cell seconds per second
-    missed_s : how long this process was late for real devices, in all [s]
+    missed_s : total time that this process was late for real devices [cell s]
     """
 
     asked: float = 1.0

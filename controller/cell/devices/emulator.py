@@ -35,7 +35,7 @@ def emulator_command(
     ----------
     cell : cell file
     parts : CAD files of the parts on the table; none leaves it empty
-    speed : of the emulated cell, times real time
+    speed : speed of the emulated cell, times real time
     seed : seed of the emulated world, None for one of its own
     more : further options, as `emulator_args` returns them
     """
@@ -76,7 +76,7 @@ def emulator_args(
     at : planar pose of the first part, "X,Y,THETA_DEG" [mm, degrees]; None to draw it by the seed
     control : unix socket on which tests inject faults, None for none
     as_built : seed of how the emulated cell differs from its file, None for not at all
-    surfaces : of the parts in pictures, "plain" or "machined"; None: as `as_built` has it
+    surfaces : surfaces of the parts in pictures, "plain" or "machined"; None: as `as_built` has it
     is_on_wall_clock : its time runs on while clients or pictures are late
     """
     more: list[str] = [] if as_built is None else ["--as-built", str(as_built)]

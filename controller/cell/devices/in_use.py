@@ -19,8 +19,9 @@ class InUse:
     Parameters
     ----------
     device : with awaitable verbs
-    clock : of the cell
-    tap : what keeps in which order verbs begin, or holds them to it; None for none
+    clock : clock of the cell
+    tap : recorder of the order in which verbs begin, or the enforcer of a recorded order; None for
+        none
     """
 
     def __init__(self, device: object, clock: CellClock, tap: LineTap | None = None) -> None:
@@ -64,8 +65,9 @@ def counted(device: Device, clock: CellClock, tap: LineTap | None = None) -> tup
     Parameters
     ----------
     device : with awaitable verbs
-    clock : of the cell
-    tap : what keeps in which order verbs begin, or holds them to it; None for none
+    clock : clock of the cell
+    tap : recorder of the order in which verbs begin, or the enforcer of a recorded order; None for
+        none
     """
     in_use = InUse(device, clock, tap)
     return cast(Device, in_use), in_use

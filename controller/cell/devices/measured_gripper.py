@@ -43,7 +43,7 @@ class MeasuredGripper:
     Parameters
     ----------
     device : the driver
-    openings : how true openings follow from its readings
+    openings : conversion of readings to true openings
     """
 
     def __init__(self, device: FixedGripper, openings: Openings) -> None:

@@ -27,8 +27,8 @@ async def stop_side_by_side(
     Parameters
     ----------
     stops : the function that stops each device, by its name
-    clock : of the cell
-    limit_s : how long each may take [cell s]
+    clock : clock of the cell
+    limit_s : longest time for each [cell s]
     """
 
     async def one(stopping: Callable[[], Awaitable[object]]) -> Exception | None:
@@ -49,7 +49,7 @@ class Stopping:
     Parameters
     ----------
     arm, gripper, lights : the devices
-    clock : of the cell
+    clock : clock of the cell
     confirm_s : a device that has not confirmed by then is reported [cell s]
     """
 

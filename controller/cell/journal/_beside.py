@@ -21,9 +21,9 @@ def append_beside(path: Path, run: str, row: Body, part: int | None = None) -> i
 
     Parameters
     ----------
-    path : of the journal, which exists
+    path : path of the journal, which exists
     run : that the row is about
-    row : what it says
+    row : content of the row
     part : number of the part it is about
 
     Raises

@@ -44,7 +44,7 @@ def open_cell_journal(path: Path, run: str, stamps: Stamps = HOST_STAMPS) -> Cel
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     run : that is to write
     stamps : the clocks that rows are stamped by
 

@@ -72,7 +72,7 @@ class HeadFile:
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     """
 
     def __init__(self, path: Path) -> None:

@@ -33,7 +33,7 @@ class Journal:
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     run : that writes
     stamps : the clocks that rows are stamped by
 
@@ -152,7 +152,7 @@ class Journal:
         Parameters
         ----------
         run : the other run
-        row : what it says
+        row : content of the row
         part : number of the part of that run that it is about
         """
         with self._lock:
@@ -181,7 +181,7 @@ class Journal:
 
         Parameters
         ----------
-        kind, name : of the row
+        kind, name : kind and name of the row
         body : plain JSON values
         part : number of the part it is about
         """
@@ -198,7 +198,7 @@ class Journal:
 
         Parameters
         ----------
-        kind, name : of the row
+        kind, name : kind and name of the row
         body : plain JSON values
         part : number of the part it is about
         """
@@ -282,7 +282,7 @@ class Journal:
 
         Parameters
         ----------
-        path : of that file
+        path : path of that file
 
         Raises
         ------

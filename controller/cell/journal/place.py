@@ -43,7 +43,7 @@ class FileSystem:
     Attributes
     ----------
     kind : its type, as the kernel names it
-    source : what is mounted there
+    source : source of the mount
     at : where
     """
 
@@ -65,7 +65,7 @@ def file_system_of(path: Path, mounts: Path = MOUNTS) -> FileSystem | None:
 
     Parameters
     ----------
-    path : of a file or folder
+    path : path of a file or folder
     mounts : the kernel's list
     """
     try:
@@ -94,7 +94,7 @@ def why_not_there(path: Path, mounts: Path | None = None) -> str:
 
     Parameters
     ----------
-    path : of its file, or its folder
+    path : path of its file, or its folder
     mounts : the kernel's list; None for this computer's
     """
     found = file_system_of(path, mounts or MOUNTS)
@@ -111,7 +111,7 @@ class OpenFiles:
 
     Parameters
     ----------
-    path : of the journal
+    path : path of the journal
     """
 
     def __init__(self, path: Path) -> None:

@@ -18,8 +18,8 @@ class Demotion:
     Attributes
     ----------
     source : which
-    failure_count, use_count : how often it failed, in how many of its last uses
-    reason : what happened the last time
+    failure_count, use_count : number of failures among its last uses
+    reason : reason of the latest failure
     """
 
     source: str

@@ -42,8 +42,8 @@ class Decision:
     ----------
     answer : handled, ignored or refused
     source, target : state before and after
-    effects : what to start now
-    reason : why it was refused or ignored
+    effects : effects to start now
+    reason : reason why it was refused or ignored
     permits : a new permit to move is issued
     forbids : there is no permit to move from here on
     """

@@ -67,7 +67,7 @@ class Rung:
     Attributes
     ----------
     act : the action
-    times : how often for one part
+    times : number of times for one part
     delay_s : wait so long before it [cell s]
     """
 
@@ -143,7 +143,7 @@ def decide(
 
     Parameters
     ----------
-    policy : of the cell and the recipe
+    policy : policy of the cell and the recipe
     fault : to decide on
     past : recoveries of the same part
     is_parked : the part is on its way to the quarantine tray already: what would park it holds

@@ -72,7 +72,7 @@ class Desk:
 
         Parameters
         ----------
-        number : of the question that was seen; None for the one that is open
+        number : number of the question that was seen; None for the one that is open
         answer : one of its choices, or a text where one is asked for; who gives it and why
         """
         if self._open is None or self._open[1].done():

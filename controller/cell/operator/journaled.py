@@ -11,7 +11,7 @@ class Journaled:
     Parameters
     ----------
     operator : decides
-    journal : of the run
+    journal : journal of the run
     """
 
     def __init__(self, operator: Operator, journal: Journal) -> None:

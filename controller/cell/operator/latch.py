@@ -27,7 +27,7 @@ class Latch:
     Attributes
     ----------
     run : in which it happened
-    code, message : what happened
+    code, message : alarm code and text
     since : when, UTC
     """
 
@@ -93,7 +93,7 @@ async def require_acknowledged(
 
     Parameters
     ----------
-    journal : of the cell; gets the acknowledgement
+    journal : journal of the cell; gets the acknowledgement
     cell_name : as the cell file has it
     operator : may acknowledge it now
 
@@ -120,7 +120,7 @@ def acknowledge(latch: Latch, who: str, why: str) -> Acknowledged:
 
     Parameters
     ----------
-    latch : what is acknowledged
+    latch : acknowledgement latch
     who, why : the person, and the reason given
     """
     return Acknowledged(run=latch.run, code=latch.code, who=who, why=why)

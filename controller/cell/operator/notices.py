@@ -24,7 +24,7 @@ class Notices:
     ----------
     command : program and arguments; empty for none
     folder : in which it runs, that of the cell file
-    facts : of the run, added to each alarm
+    facts : facts of the run, added to each alarm
     """
 
     def __init__(self, command: Sequence[str], folder: Path, facts: dict[str, Any]) -> None:

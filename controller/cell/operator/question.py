@@ -13,8 +13,8 @@ class Choice:
 
     Attributes
     ----------
-    key : what is typed, one word
-    words : what the cell does then
+    key : word to type, a single one
+    words : action of the cell then
     """
 
     key: str
@@ -28,11 +28,11 @@ class Question:
     Attributes
     ----------
     code : stable short name, as in the manual
-    text : what happened, and what is not known
+    text : event, and what is unknown
     choices : the possible answers
-    preview : what moves first after each choice that moves something, by the choice's key: where
-        to, how far, how fast
-    entry : what may be typed in place of a choice, such as a serial number; empty for nothing
+    preview : first motion after each choice that moves something, by the choice's key: target,
+        distance, speed
+    entry : entry allowed in place of a choice, such as a serial number; empty for none
     check : returns why a typed text is no answer; empty if it is one
     """
 
@@ -51,7 +51,7 @@ class Answer:
     Attributes
     ----------
     key : of the choice
-    who : who decided: a user's name and from where
+    who : who decided: name of the user, and from where
     why : the reason given; empty without one
     """
 

@@ -52,7 +52,7 @@ def question_for(code: str, message: str, custody: str) -> Question:
 
     Parameters
     ----------
-    code : of the problem
+    code : code of the problem
     message : the problem, as the operator reads it
     custody : which gripper, tray or table has the part, as far as it is known
     """

@@ -47,7 +47,7 @@ class PlanCache:
     ----------
     part : the compiled part
     layout : the cell
-    options : of the planner
+    options : options of the planner
     use_cache : False to make everything anew and store nothing
     """
 

@@ -75,7 +75,7 @@ class Certified:
 
     Attributes
     ----------
-    arm_grasp_count, fixed_grasp_count : how many grasps plans choose from
+    arm_grasp_count, fixed_grasp_count : number of grasps that plans choose from
     """
 
     certificate: Certificate

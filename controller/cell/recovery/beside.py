@@ -49,7 +49,7 @@ def beside_path(left: Interrupted, world: World, case: Case) -> Beside | None:
     ----------
     left : has the path that the arm was sent along last
     world : where it stands, and how the grippers do
-    case : what is so
+    case : case found
     """
     if case.person or case.opens is not Opens.NONE or case.leaves is not Leaves.BY_TRAIL:
         return None
@@ -75,7 +75,7 @@ def why_not_back(proven: ProvenMove | None) -> str:
 
     Parameters
     ----------
-    proven : what the proof found; None if there was none
+    proven : result of the proof; None if there was none
     """
     person = "the arm stands beside the path that the journal says it was sent along"
     if proven is None:

@@ -18,10 +18,10 @@ class Carried:
     Attributes
     ----------
     arm_opening_mm : of the arm gripper; None if it is empty, however wide
-    T_part_tcp : (4, 4) of a part in the arm gripper, or None
+    T_part_tcp : (4, 4) pose of a part in the arm gripper, or None
     fixed_opening_mm : of the fixed gripper
-    T_part_fixed : (4, 4) of a part in the fixed gripper, T_part_tcp of that one, or None
-    around : what else is in the cell
+    T_part_fixed : (4, 4) pose of a part in the fixed gripper, T_part_tcp of that one, or None
+    around : other objects in the cell
     """
 
     arm_opening_mm: float | None
@@ -49,7 +49,7 @@ def part_in_gripper(
 
     Parameters
     ----------
-    left : how the grippers hold it
+    left : state of the grippers with the part
     custody : which of them has it
     """
     in_arm = left.arm_hold if custody is Custody.IN_ARM else None

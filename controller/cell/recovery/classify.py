@@ -45,11 +45,11 @@ class Case:
     Attributes
     ----------
     custody : where the part is
-    opens, leaves : what has to be done first
+    opens, leaves : actions required first
     holds_as_expected : the arm gripper holds it by the grasp that was expected, not by the last one
     done : of the unresolved intent; None if there is none
     evidence : sentences
-    person : why a person has to look; empty if the cell can go on
+    person : reason why a person has to look; empty if the cell can go on
     was : where the journal had the part last
     homes : the arm has to home first, with what its gripper holds
     is_fixed_unconfirmed : the fixed gripper stands on the part, and has to press once more first

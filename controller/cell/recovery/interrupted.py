@@ -35,12 +35,12 @@ class Interrupted:
     intent : the same, if no row on custody followed it
     has_outcome : that intent's outcome was written
     hand_off : the last intent to close the fixed gripper on the part in the arm gripper
-    arm_hold, expected_hold, fixed_hold : how the grippers hold the part, or were about to
+    arm_hold, expected_hold, fixed_hold : grasps of the part in the grippers, actual or expected
     trail : the way the arm came
     views : in order, with the digests of their files in `digests`
     table_pictures, sightings, sighting : the part on the table, as seen last
-    neighbours : what else was on the table then
-    trays : what stands in them
+    neighbours : other objects on the table at that time
+    trays : contents of the trays
     is_ambiguous : pictures of the table leave other hypotheses, and no view has decided
     recoveries, avoid : part faults so far, and grasps that failed
     plan_count, hold_count, look_count : plans made, grasps taken, pictures of the table

@@ -51,17 +51,17 @@ class Proposal:
 
     Attributes
     ----------
-    left : what the journal knows
-    case : what is so
+    left : state according to the journal
+    case : case found
     q : (6,) where the arm stands; empty if that is not known
     leaving : by which the arm leaves; None if the case calls for a person
     custody : where the part is once the arm has left
     steps : in words, in order
     first_motion : the first motion of the arm, in words
     is_proven : the cell may go on by itself
-    person : why a person has to look instead; empty if the cell can go on
+    person : reason why a person has to look instead; empty if the cell can go on
     homing : the arm homes first, with what its gripper holds; None if it knows where it is
-    look : what a person has to see before they accept; empty if nothing
+    look : what a person has to see before accepting; empty for nothing
     """
 
     left: Interrupted
@@ -113,8 +113,8 @@ def propose(
 
     Parameters
     ----------
-    left : what the journal knows
-    world : what the devices say
+    left : state according to the journal
+    world : state according to the devices
     layout : for the preview of the first motion
     swept : the space that homing would sweep, where that was looked at
     back : the move back to its path of an arm that `beside_path` finds, where that was looked at

@@ -34,7 +34,7 @@ class World:
     Attributes
     ----------
     q : (6,) where the arm stands, None if its positions are not known
-    positions : why they are known, or not
+    positions : reason why they are known, or unknown
     arm_mm : opening of the arm gripper, None if unknown
     is_arm_pressing : its jaws have stalled and press
     fixed_mm : opening of the fixed gripper

@@ -38,7 +38,7 @@ class Grippers:
     grasp : returns the force, and the tolerance of an opening, for the part at hand
     gate : holds a pause, and requires the permit to move
     interlocks : admit each motion of jaws
-    retries : what is done about a reading that does not come
+    retries : retries of a reading that does not come
     setting_per_n : of the arm gripper's force setting for each N of the recipe
     """
 
@@ -97,7 +97,7 @@ class Grippers:
 
         Parameters
         ----------
-        opening_mm : how wide
+        opening_mm : opening of the jaws
         retreat : by which the arm leaves then, for the journal
 
         Raises
@@ -119,8 +119,8 @@ class Grippers:
 
         Parameters
         ----------
-        intent : what for
-        opening_mm : how wide
+        intent : intent written before the motion
+        opening_mm : opening of the jaws
         retreat : by which the arm leaves then, for the journal
         """
         more = {"open_mm": opening_mm, "retreat": rounded(retreat)}
@@ -163,7 +163,7 @@ class Grippers:
 
         Parameters
         ----------
-        opening_mm : how wide
+        opening_mm : opening of the jaws
         retreat : by which the arm leaves with the part then, for the journal
 
         Raises
@@ -198,7 +198,8 @@ class Grippers:
         Parameters
         ----------
         expected_mm : the opening the plan expects
-        pre_open_mm : how wide it stands, for the journal: wider, it would meet the arm's fingers
+        pre_open_mm : opening for the approach, for the journal; any wider and it would touch the
+            arm's fingers
         """
         words = f"the fixed gripper closes on the part: {expected_mm:.0f} mm expected"
         intent = Intent(name=Once.HAND_OFF, expected_mm=expected_mm, open_mm=pre_open_mm)

@@ -32,9 +32,9 @@ class Imaging:
     lights : all lamps of the cell
     cameras : the driver of each
     quick : cameras whose stream starts at once, so that it is paused between pictures
-    folder : of the run; pictures go to its ``pictures``
+    folder : folder of the run; pictures go to its ``pictures``
     on_stored : called with the file and the SHA-256 of each picture that is stored
-    retries : what is done about a lamp or a camera that fails; None for nothing
+    retries : retries of a lamp or a camera that fails; None for none
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Imaging:
         Parameters
         ----------
         part_number : whose picture
-        name : what it shows
+        name : subject of the picture
         image : (height, width)
 
         Raises

@@ -48,8 +48,8 @@ class Interlocks:
     fixed : is asked what it stands on before the arm comes near
     layout : where the fixed gripper stands
     custody : returns which gripper, tray or table has the part
-    retries : what is done about a reading that does not come
-    rules : of the cell
+    retries : retries of a reading that does not come
+    rules : rules of the cell
     """
 
     def __init__(

@@ -27,7 +27,7 @@ class Leases:
     Parameters
     ----------
     note : takes the rows of the journal
-    clock : of the cell
+    clock : clock of the cell
     """
 
     def __init__(self, note: Callable[[Body], object], clock: CellClock) -> None:
@@ -49,7 +49,7 @@ class Leases:
 
         Parameters
         ----------
-        by : who takes them, for the journal
+        by : name of the photographer, for the journal
         resources : in any order
 
         Raises

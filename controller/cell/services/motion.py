@@ -61,7 +61,7 @@ class Motion:
     ----------
     arm : the device
     interlocks : admit each path
-    clock : of the cell
+    clock : clock of the cell
     gate : holds a pause, and requires the permit to move
     layout : has the arm's kinematics and timing, to preview a motion
     note : takes the rows of the journal
@@ -186,7 +186,7 @@ class Motion:
         Parameters
         ----------
         path : waypoints
-        first_speed : to the first of them, as a share of the usual speed
+        first_speed : speed of the first move, as a share of the usual speed
 
         Raises
         ------
@@ -259,8 +259,8 @@ class Motion:
 
         Parameters
         ----------
-        count : how many
-        first_speed : to the first of them, as a share of the usual speed
+        count : number of waypoints
+        first_speed : speed of the first move, as a share of the usual speed
 
         Raises
         ------

@@ -100,7 +100,7 @@ class PlanSteps:
         ----------
         step : which
         started_s : when it began, as `begin` returned it [cell s]
-        more : what else its row has
+        more : further fields of its row
         """
         self.record.note(
             StepDone(

@@ -133,7 +133,7 @@ class AtOnce(Executor):
 
         Parameters
         ----------
-        fn : what to call
+        fn : function to call
         *args, **kwargs : with what
         """
         done: Future[Result] = Future()

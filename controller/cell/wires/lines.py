@@ -37,7 +37,7 @@ class Difference:
     wire : on which it was sent
     at_s : instant of the recorded one, on its cell's clock [s]
     recorded, sent : their bytes; None if there was no further request
-    recorded_words, sent_words : what they were sent for
+    recorded_words, sent_words : purpose of the bytes recorded, and of those sent
     after_row : number, kind and name of the journal's row that came before, in the recorded run
     """
 
@@ -63,7 +63,7 @@ class Tape:
 
     Parameters
     ----------
-    reader : of the file
+    reader : reader of the file
     loop : on whose time it is played
     speed : cell seconds per second of the loop
 
@@ -118,7 +118,7 @@ class Tape:
         wire : on which it is
         row : of the recorded request; None if there is none
         recorded, sent : bytes
-        words : what was recorded, what came instead
+        words : words recorded, and those found instead
 
         Raises
         ------

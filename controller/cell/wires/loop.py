@@ -35,7 +35,7 @@ class WireLoop(VirtualTimeLoop):
 
     Attributes
     ----------
-    ports : what `create_connection` connects to, by host and port
+    ports : targets of `create_connection`, by host and port
     threads : does what is given to threads; None does it at once
     sources : when a descriptor that is no file's will be readable next [s], None for never
     """
@@ -63,7 +63,7 @@ class WireLoop(VirtualTimeLoop):
 
         Parameters
         ----------
-        executor : who is to do it; None for the threads
+        executor : executor to use; None for the threads
         func : the work
         *args : its arguments
         """
@@ -110,7 +110,7 @@ class WireLoop(VirtualTimeLoop):
         Parameters
         ----------
         fd : the descriptor
-        callback : what to call
+        callback : function to call
         *args : with what
         """
         self.remove_reader(fd)

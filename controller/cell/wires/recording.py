@@ -27,7 +27,7 @@ class Recorder:
 
     Parameters
     ----------
-    writer : of the file
+    writer : writer of the file
 
     Attributes
     ----------

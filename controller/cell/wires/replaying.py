@@ -45,7 +45,7 @@ class Replayed:
     ----------
     difference : the first one; None if every request was the recorded one
     request_count : requests and camera calls that were the same
-    end : how the replayed run ended
+    end : end of the replayed run
     is_whole : whether the recording reaches to the end of its run
     """
 
@@ -121,7 +121,7 @@ def replay_wires(
 
     Parameters
     ----------
-    reader : of the recording
+    reader : reader of the recording
     recipe_path, cell_path : to run with
     pool : the worker process
 
@@ -214,7 +214,7 @@ class _PlayedClock(FoundClock):
 
     Attributes
     ----------
-    late_s : how much longer than wanted its time-outs were [cell s]
+    late_s : largest excess of its time-outs [cell s]
     """
 
     late_s: float = 0.0
@@ -295,7 +295,7 @@ class _Answers(Executor):
     ----------
     tape : of the recording
     pool : works
-    wire : what the recording calls it
+    wire : name of the wire in the recording
     """
 
     def __init__(self, tape: Tape, pool: Executor, wire: str) -> None:

@@ -179,7 +179,7 @@ def answer_question(
     ----------
     runs_dir : folder of all runs, by whose lock the run is found
     key : one of its choices
-    number : of the question that was read; None for the open one
+    number : number of the question that was read; None for the open one
     who, why : the person beside the user's name, and the reason
     as_json : print one JSON object instead of a sentence
 

@@ -47,7 +47,7 @@ def calibration_lines(folder: Folder, runs: Path, now: datetime) -> tuple[Calibr
 
     Parameters
     ----------
-    folder : of the commissioning
+    folder : folder of the commissioning
     runs : folder of the runs on the cell, whose journal has what each used; it need not exist
     now : with its offset from UTC
 

@@ -31,7 +31,7 @@ class GuidedOptions:
     cell_path : cell file as drawn
     out : folder of what is found, None for commissioning/NAME
     step : the one to repeat, None for all that are due
-    operator : who commissions, empty for the user
+    operator : name of the person who commissions; empty for the user
     recipes : that the cell is to run; empty for those beside the cell file
     emulated : options of the emulated cell
     runs : folder of the runs on the cell, for how often each calibration was used

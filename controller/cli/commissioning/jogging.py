@@ -29,11 +29,11 @@ class JogOptions:
     cell_path : cell file, calibrated or not
     runs_dir : folder of all runs and of the journal
     commands : file of orders, `-` for standard input, None for keys
-    operator : who jogs, empty for the user
+    operator : name of the person who jogs; empty for the user
     emulated : options of the emulated cell
     as_json : print JSON lines
-    name : of the command
-    takes : what the order `take` takes; empty if it takes nothing
+    name : name of the command
+    takes : argument of the order `take`; empty if it has none
     """
 
     cell_path: Path
@@ -90,7 +90,7 @@ def run_jog(
 
     Parameters
     ----------
-    options : of the command line
+    options : options of the command line
     cell : as its file has it
     accept : returns why a position cannot be taken, empty if it can; None takes none
     """

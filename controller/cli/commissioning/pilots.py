@@ -103,7 +103,7 @@ class KeyPilot:
     ----------
     who : they are
     fd : of the terminal
-    takes : what Enter takes; empty if it takes nothing
+    takes : meaning of Enter; empty if it takes nothing
     """
 
     is_live = True

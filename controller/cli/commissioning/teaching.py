@@ -53,7 +53,7 @@ class Change:
 
     Attributes
     ----------
-    words : what was taken, for people
+    words : description of the item taken, for people
     text : of the cell file, for the checks without the trays' new hash
     trays : the calibration to write first; None if the cell file alone changes
     """
@@ -68,7 +68,7 @@ def teach(options: JogOptions, what: str, *, writes: bool) -> int:
 
     Parameters
     ----------
-    options : of the command line
+    options : options of the command line
     what : a tray, `park` or `station`
     writes : write without a question
 
@@ -111,7 +111,7 @@ class Teacher:
     ----------
     path, cell : the cell file, and what it describes as calibrated
     what : a tray, `park` or `station`
-    by : who teaches
+    by : name of the person who teaches
     """
 
     def __init__(self, path: Path, cell: Cell, what: str, by: str) -> None:

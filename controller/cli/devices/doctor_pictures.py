@@ -35,7 +35,7 @@ async def take_pictures(
     Parameters
     ----------
     devices : cameras and lamps are connected
-    clock : of the cell
+    clock : clock of the cell
     folder : for the pictures; is there
     seconds : for how long it goes on; each picture is taken once at least
     on_picture : called with camera, lamp and file of each picture

@@ -40,7 +40,7 @@ def serve(
     is_on_wall_clock : its time runs on while clients or pictures are late
     seed : seed of the emulated world, None to draw one
     as_built : seed of how the emulated cell differs from its file, None for not at all
-    surfaces : of the parts, "plain" or "machined"; None: as `as_built` has it
+    surfaces : surfaces of the parts, "plain" or "machined"; None: as `as_built` has it
     pose : stable pose of the first part by index, None to draw it by the seed
     at : planar pose of the first part, "X,Y,THETA_DEG"; None to draw it by the seed
     control : unix socket on which tests inject faults, None for none

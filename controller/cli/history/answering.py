@@ -70,10 +70,10 @@ def answer(
     ----------
     part : serial number or RUN/NUMBER; None for a list
     asked : which parts to list
-    limit : how many at most
+    limit : largest number
     file : to export to; None to print
     runs_dir : folder of all runs
-    url : of the store; None for the folder's own
+    url : URL of the store; None for the folder's own
     anew : fill it from the journals' first row on
     as_json : print JSON lines instead of a table
 

@@ -77,7 +77,7 @@ def make_room(date: str, runs_dir: Path, url: str | None, *, is_dry: bool, as_js
     ----------
     date : runs that ended before it
     runs_dir : folder of all runs
-    url : of the store; None for the folder's own
+    url : URL of the store; None for the folder's own
     is_dry : delete nothing
     as_json : print JSON lines
 

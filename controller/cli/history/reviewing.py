@@ -64,11 +64,11 @@ def review_parts(
 
     Parameters
     ----------
-    order : what is wanted
+    order : order to carry out
     asked : which parts to list
-    limit : how many at most
+    limit : largest number
     runs_dir : folder of all runs
-    url : of the store; None for the folder's own
+    url : URL of the store; None for the folder's own
     as_json : print JSON lines instead of tables
 
     Raises

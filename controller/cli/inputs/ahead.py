@@ -20,7 +20,7 @@ def jobs_among(text: str | None, *, use_cache: bool = True) -> Jobs:
     Parameters
     ----------
     text : of the command line, None without the option
-    use_cache : what is made ahead is left in the cache
+    use_cache : True to leave results computed ahead in the cache
 
     Raises
     ------
@@ -40,7 +40,7 @@ def working_ahead(jobs: Jobs, works: Sequence[Work]) -> Iterator[MadeAhead]:
 
     Parameters
     ----------
-    jobs : who works
+    jobs : pool of worker processes
     works : the parts, in the order in which they are wanted
 
     Raises

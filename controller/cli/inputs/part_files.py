@@ -50,7 +50,7 @@ def part_files(
     ----------
     parts : CAD files
     recipe_paths : recipe files, or names of recipes that come with cellctl
-    unit : of CAD files that name none
+    unit : unit of CAD files that name none
     cell_path : cell file, None for the recipe's
 
     Raises

@@ -26,7 +26,7 @@ class PartsList:
     Attributes
     ----------
     recipes : in the order in which the list first names them, each with its number of parts
-    labels : of each part, with the number of its recipe in that order
+    labels : labels of each part, with the number of its recipe in that order
     """
 
     recipes: tuple[AskedRecipe, ...]
@@ -80,7 +80,7 @@ def load_parts_list(path: Path, lot: str = "") -> PartsList:
     Parameters
     ----------
     path : CSV with a line of titles: recipe, serial, lot
-    lot : of parts for which the list has none
+    lot : lot of parts for which the list has none
 
     Raises
     ------

@@ -45,7 +45,7 @@ def papers_of(
 
     Parameters
     ----------
-    options : of the command line
+    options : options of the command line
     papers : without numbers
     listed : the list of parts, None without one
     recipe_count, part_count : of the run

@@ -81,7 +81,7 @@ def _print(columns: Sequence[str], rows: Sequence[Sequence[str]], numeric: Seque
     Parameters
     ----------
     columns : headings
-    rows : of the table
+    rows : rows of the table
     numeric : columns set to the right
     """
     drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))

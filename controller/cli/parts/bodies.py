@@ -26,9 +26,9 @@ class BodyFile:
 
     Attributes
     ----------
-    file : how it is compiled
+    file : compile options of the file
     body : of a file of several, what JSON has of it; empty otherwise
-    row : how often it is placed and its size, in words; empty otherwise
+    row : number of placements and size, in words; empty otherwise
     """
 
     file: PartFile
@@ -70,7 +70,7 @@ class BodyFiles:
         Parameters
         ----------
         one : the body
-        error : why it is refused
+        error : reason of the refusal
         as_json : print an object instead of the row
         """
         name = part_name(one.file.path)

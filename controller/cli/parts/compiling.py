@@ -62,7 +62,7 @@ def compile_parts(
     drawings : folder for the mesh and a picture of each pose, None for none
     cell : cell file, to report grasps and a plan for each stable pose as well; None for neither
     use_cache : read and keep compiled parts and plans
-    jobs : who compiles and plans ahead of what is printed
+    jobs : processes that compile and plan ahead of the printing
     lists_characteristics : print what is to be measured of each part, too
     as_json : print one JSON object a part
 

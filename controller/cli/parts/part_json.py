@@ -81,7 +81,7 @@ def certified_json(certified: Sequence[Certified], setup: PlannerSetup) -> dict[
     Parameters
     ----------
     certified : the certificates
-    setup : what they were made with
+    setup : setup they were made with
     """
     return {
         "grasps": {

@@ -41,8 +41,8 @@ def certificate_words(certificate: Certificate, setup: PlannerSetup) -> str:
 
     Parameters
     ----------
-    certificate : of a stable pose
-    setup : what it was made with
+    certificate : certificate of a stable pose
+    setup : setup it was made with
     """
     plan = certificate.plan
     if certificate.same_as >= 0:
@@ -66,7 +66,7 @@ def certified_each(
     ----------
     planning : plans of the part in the cell
     poses : stable poses
-    progress : what is printed meanwhile
+    progress : printer of progress
     """
     if not planning.is_prepared:
         progress.begin("grasps and views for the cell")
@@ -83,7 +83,7 @@ def print_certificates(certificates: Sequence[Certificate], setup: PlannerSetup)
     Parameters
     ----------
     certificates : to print
-    setup : what they were made with
+    setup : setup they were made with
     """
     if not certificates:
         return

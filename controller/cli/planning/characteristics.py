@@ -22,8 +22,8 @@ def characteristic_json(
 
     Parameters
     ----------
-    characteristic : of a part
-    capability : of the cell that is to verify it; None if none is named
+    characteristic : characteristic of a part
+    capability : capability of the cell that is to verify it; None if none is named
     """
     p_part_mm, axis = place_of(characteristic.geometry)
     entry: dict[str, Any] = {

@@ -56,7 +56,7 @@ def plan_part_file(
     report : HTML page to write, None for none
     drawings : folder for two pictures of each step, None for none
     use_cache : read and keep compiled parts and plans
-    jobs : who certifies the stable poses
+    jobs : processes that certify the stable poses
     as_json : print one JSON object instead of tables
 
     Returns
@@ -176,7 +176,7 @@ def _plan_all(
     Parameters
     ----------
     report_plan : called with the plan when it is ready, before the other poses are done
-    progress : what is printed meanwhile
+    progress : printer of progress
     is_one : one pose was requested, so there are no certificates
     """
     x_mm, y_mm, theta_deg = place

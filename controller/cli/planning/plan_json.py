@@ -147,8 +147,8 @@ def certificate_json(certificate: Certificate, setup: PlannerSetup) -> dict[str,
 
     Parameters
     ----------
-    certificate : of a stable pose
-    setup : what it was made with
+    certificate : certificate of a stable pose
+    setup : setup it was made with
     """
     body: dict[str, Any] = {
         "pose": certificate.pose_index,

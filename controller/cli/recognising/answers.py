@@ -46,11 +46,11 @@ def recognise_images(
     parts : CAD files or folders of the parts that may be in the pictures
     calibration : calibration file of the camera that took them
     lighting : whether the parts are on a light table
-    unit : of CAD files that name none, None for mm
+    unit : unit of CAD files that name none, None for mm
     as_json : print one JSON object for each object found
     lamps : pictures of each scene, under one lamp each; backlit ones first before a light table
     explain_in : folder for a drawing and tables of each picture, None for none
-    jobs : who compiles the parts
+    jobs : processes that compile the parts
 
     Returns
     -------

@@ -132,7 +132,7 @@ def recipe_of(left: Interrupted, folder: Path) -> Path:
     Parameters
     ----------
     left : the part
-    folder : of the run that left it
+    folder : folder of the run that left it
 
     Raises
     ------

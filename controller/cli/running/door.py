@@ -32,7 +32,7 @@ class OperatorDoor:
     Attributes
     ----------
     desk : where questions are put
-    callers : of the control socket, while it is served
+    callers : callers of the control socket, while it is served
     """
 
     def __init__(

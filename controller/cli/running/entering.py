@@ -49,8 +49,8 @@ class Entered:
     ----------
     ends : signals, to be turned into a stop
     holder : of the lock
-    ready : what the emulator reported of itself; empty without one
-    clock : of the cell
+    ready : report of the emulator about itself; empty without one
+    clock : clock of the cell
     control : unix socket of the emulated cell's control port
     """
 
@@ -81,9 +81,9 @@ def check_entering(options: EmulatedOptions, cell: Cell, folder: Path, folder_op
 
     Parameters
     ----------
-    options : of the command line
+    options : options of the command line
     cell : that is to be entered
-    folder : of the journal
+    folder : folder of the journal
     folder_option : by which it was given
 
     Raises
@@ -123,9 +123,9 @@ def entered(
 
     Parameters
     ----------
-    options : of the command line
+    options : options of the command line
     cell_path, cell : its file, and what it describes
-    folder : of the journal
+    folder : folder of the journal
     run_name : for whoever is refused the lock meanwhile
 
     Raises

@@ -71,11 +71,11 @@ class RunOptions:
     recipes : files, each with a number of parts where one was given
     cell_path : cell file, None for the recipes'
     count : parts to inspect of each recipe without a number, None for the recipe's own
-    speed : of the emulated cell, times real time
+    speed : speed of the emulated cell, times real time
     is_on_wall_clock : the emulated cell's time runs on while this computer is late
     seed : seed of the emulated cell, None to draw one
     as_built : seed of how the emulated cell differs from its file, None for not at all
-    surfaces : of emulated parts, "plain" or "machined"; None: as `as_built` has it
+    surfaces : surfaces of emulated parts, "plain" or "machined"; None: as `as_built` has it
     lay : CAD files of the parts on the emulated table; empty for the parts of the recipes
     on_table : parts on the emulated table at a time, None for all of them
     empty : leave the emulated table empty
@@ -86,7 +86,7 @@ class RunOptions:
     is_part_removed : the operator states that no gripper holds a part
     is_recovery_automatic : a part that an earlier run left goes on where that is proven safe
     operator : decides on that in advance, None for whoever is there
-    papers : who runs it
+    papers : operator, serials and lots
     serials : where serial numbers come from
     listed : the list of parts that the recipes are of, None without one
     waits : wait for an answer where a person has to decide, also without a terminal
@@ -134,10 +134,10 @@ class _Asked:
     ----------
     ordered : the recipes
     cell_file, cell, clock : the cell, and the clock it will run by
-    papers : who runs it
+    papers : operator, serials and lots
     on_table : CAD files of the parts on the emulated table, each with its part
     orientation : rotation CAD -> upright (3, 3) of the first of them; None to draw it
-    run_id : of the run
+    run_id : id of the run
     """
 
     ordered: tuple[OrderedRecipe, ...]

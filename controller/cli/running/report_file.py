@@ -86,8 +86,8 @@ def warn_no_report(error: OSError, path: Path, run_id: str, runs_dir: Path) -> N
 
     Parameters
     ----------
-    error : why not; it names the file, which may be one that the report is made of
-    path : of the report
+    error : reason; names the file, which may be one that the report is made of
+    path : path of the report
     run_id, runs_dir : of the run
     """
     file = path if error.filename is None else Path(os.fsdecode(error.filename))

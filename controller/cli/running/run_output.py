@@ -121,10 +121,10 @@ def print_result(
 
     Parameters
     ----------
-    result : how the run ended, and its parts
+    result : end of the run, and its parts
     run_id : its name
     report : file of its report, None if it could not be written
-    takt : what the arm's time went into; None if nobody knows
+    takt : share of each use in the arm's time; None if it is unknown
     as_json : print one JSON object instead of sentences
     """
     good = result.outcome.end == "complete" and all(part.tray == "accept" for part in result.parts)
@@ -186,7 +186,7 @@ def calibration_note(result: RunResult) -> str:
 
     Parameters
     ----------
-    result : of the run
+    result : result of the run
     """
     alarm = result.outcome.alarm
     if alarm is None or alarm.number not in MAY_BE_CALIBRATION or not result.why_not_verified:

@@ -35,8 +35,8 @@ def print_table(
     ----------
     table : empty, with its style
     columns : headings
-    rows : of the table
-    text_columns : how wide it may be where there is no terminal
+    rows : rows of the table
+    text_columns : width where there is no terminal
     """
     for i, name in enumerate(columns):
         is_number = 0 < i < len(columns) - 1

@@ -26,7 +26,7 @@ def report_agreement(runs_dir: Path, url: str | None, chosen: Chosen, *, as_json
     Parameters
     ----------
     runs_dir : folder of all runs
-    url : of the store; None for the folder's own
+    url : URL of the store; None for the folder's own
     chosen : which parts
     as_json : print JSON lines instead of tables
 

@@ -42,7 +42,7 @@ class Sources:
     readings : in the order given
     inputs : of each reading its source, groups and hashes, for the evidence
     part, cad_sha256 : the product
-    remarks : what was taken for granted, as sentences
+    remarks : assumptions made, as sentences
     """
 
     readings: list[Reading] = field(default_factory=list)
@@ -58,7 +58,7 @@ class Sources:
         Parameters
         ----------
         source : named in the message
-        part, cad_sha256 : what it shows
+        part, cad_sha256 : part shown, and the hash of its CAD file
 
         Raises
         ------

@@ -38,7 +38,7 @@ def report_takt(runs_dir: Path, chosen: Chosen, by: str, *, as_json: bool) -> in
     ----------
     runs_dir : folder of all runs
     chosen : which parts
-    by : what a group is
+    by : definition of a group
     as_json : print JSON lines instead of a table
 
     Raises
@@ -85,7 +85,7 @@ def of_recipe(run: RunTakt, recipe: str) -> RunTakt:
 
     Parameters
     ----------
-    run : of one or several recipes
+    run : run of one or several recipes
     recipe : its name
     """
     parts = tuple(part for part in run.parts if recipe in ("", part.recipe))

@@ -65,9 +65,9 @@ def report_yields(
     Parameters
     ----------
     runs_dir : folder of all runs
-    url : of the store; None for the folder's own
+    url : URL of the store; None for the folder's own
     chosen : which parts
-    by : what a group is
+    by : definition of a group
     report : a page, which only the statistics of a recipe have
     as_json : print JSON lines instead of tables
 

@@ -35,7 +35,7 @@ def report_failure(error: BaseException, words: Sequence[str]) -> int:
 
     Parameters
     ----------
-    error : what ended the command
+    error : error that ended the command
     words : the command line, for the report of a bug
     """
     if isinstance(error, KeyboardInterrupt):

@@ -27,7 +27,7 @@ class _Door:
 
     Parameters
     ----------
-    name : of the stream
+    name : name of the stream
     is_live : what is written may be left out where the reader is slow
     """
 

@@ -23,7 +23,7 @@ class Progress:
 
     Attributes
     ----------
-    name : of the part
+    name : name of the part
     as_json : print JSON objects, one a line
     """
 
@@ -74,7 +74,7 @@ def shown_progress(name: str, *, as_json: bool) -> Iterator[Progress]:
 
     Parameters
     ----------
-    name : of the part
+    name : name of the part
     as_json : print JSON objects, one a line
     """
     progress = Progress(name, as_json)

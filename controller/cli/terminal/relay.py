@@ -51,7 +51,7 @@ class Relay:
         Parameters
         ----------
         write : writes it, and may take as long as it likes
-        text : what to write
+        text : text to write
         is_live : it is left out, and counted, where too many such texts wait
         """
         with self._changed:
@@ -98,7 +98,7 @@ def write_whole(stream: TextIO, text: str) -> None:
     Parameters
     ----------
     stream : a standard stream, or what stands in for one
-    text : what to write
+    text : text to write
 
     Raises
     ------

@@ -50,10 +50,10 @@ def calibrate(
 
     Parameters
     ----------
-    views : of one camera, all with the same focus and aperture
-    size_px : (width, height) of the pictures
+    views : views of one camera, all with the same focus and aperture
+    size_px : (width, height) size of the pictures
     world : the frame that one of the flat views fixes
-    limits : what the views must show, and what is plausible
+    limits : limits on the content of the views, and of plausible results
 
     Raises
     ------

@@ -155,7 +155,7 @@ class TableUncertainty:
     ----------
     worst_mm : anywhere in the picture, at ``worst_at_px``
     covered_worst_mm : within the hull of all corners
-    median_mm : of the whole picture
+    median_mm : median of the whole picture
     """
 
     height_mm: float
@@ -173,14 +173,14 @@ class Calibration:
     ----------
     free : names of the intrinsics that the views determine; the others of PARAMETERS are held at 0
     std : standard deviation of each free one
-    held_std : how far from 0 each held one may really be, one standard deviation
+    held_std : standard deviation of each held one about 0
     parameters_cov : covariance (15, 15) of PARAMETERS, then of the rotation (3) [rad, about the
         camera's axes] and translation (3) [mm] of the world in the camera
     noise_cov : the share of it that comes from the corners' noise; held terms cause the rest
     rms_px : of the distance of all corners but outliers
     noise_px : standard deviation of a corner's u or v
     coverage : share of the picture within the hull of all corners
-    condition : of the scaled Jacobian
+    condition : condition number of the scaled Jacobian
     focal_height_correlation : of fx and the distance along the optical axis
     """
 

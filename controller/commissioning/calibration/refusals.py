@@ -39,9 +39,9 @@ def check_views(
     Parameters
     ----------
     views : boards found, one for each picture
-    size_px : (width, height) of the pictures
+    size_px : (width, height) size of the pictures
     world : names the view that fixes the world's frame
-    limits : what the views must show
+    limits : limits on the content of the views
 
     Raises
     ------
@@ -89,8 +89,8 @@ def check_placed(
     Parameters
     ----------
     views : boards found, with how each was placed
-    T_cam_boards : (4, 4) of each view, fitted one by one
-    limits : how far off flat a board may be
+    T_cam_boards : (4, 4) pose of each view, fitted one by one
+    limits : limits on how far a board may be from flat
 
     Raises
     ------
@@ -127,8 +127,8 @@ def check_fit(
     Parameters
     ----------
     views : boards found; gives the size of a square in pixels
-    residuals : of each view, outliers left out
-    limits : what is plausible
+    residuals : residuals of each view, outliers left out
+    limits : limits of plausible results
 
     Raises
     ------

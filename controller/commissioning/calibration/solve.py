@@ -91,7 +91,7 @@ def start(
     Parameters
     ----------
     views : boards found, the one that fixes the world among them
-    size_px : (width, height) of the pictures
+    size_px : (width, height) size of the pictures
     world : which flat view fixes the world's frame, and where its board lies there
 
     Raises

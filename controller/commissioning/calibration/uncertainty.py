@@ -35,7 +35,7 @@ class Spread:
     cov : covariance (15, 15), the effect of held parameters included
     noise_cov : covariance (15, 15) from the corners' noise alone; 0 for held parameters
     noise : standard deviation of a weighted residual; 1 where the weights are right
-    condition : of the Jacobian with its columns scaled to length 1
+    condition : condition number of the Jacobian with its columns scaled to length 1
     focal_height : correlation of fx with the distance along the optical axis
     """
 
@@ -57,8 +57,8 @@ def spread(fit: Fit, held_std: Mapping[str, float]) -> Spread:
 
     Parameters
     ----------
-    fit : of the camera and the views
-    held_std : how large each held parameter may be, one standard deviation
+    fit : fit of the camera and the views
+    held_std : standard deviation of each held parameter
 
     Raises
     ------
@@ -99,7 +99,7 @@ def held_sizes(fit: Fit, size_px: tuple[int, int], loose: Spread) -> dict[str, f
     Parameters
     ----------
     fit : with some terms held at 0
-    size_px : (width, height) of the pictures
+    size_px : (width, height) size of the pictures
     loose : of the fit that holds nothing
     """
     views_pass = dict(zip(PARAMETERS, np.sqrt(np.diag(loose.noise_cov)), strict=False))
@@ -152,11 +152,11 @@ def on_table(
 
     Parameters
     ----------
-    camera : of the fit
+    camera : camera of the fit
     fit : the one chosen
     found : its spread
     hull_px : (n, 2) round all corners seen
-    height_mm : of the plane over the table
+    height_mm : height of the plane over the table
     """
     width, height = camera.size_px
     u, v = np.meshgrid(np.linspace(0, width - 1, _GRID[0]), np.linspace(0, height - 1, _GRID[1]))

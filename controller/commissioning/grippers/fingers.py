@@ -61,7 +61,8 @@ class FingerRays:
     ----------
     points_mm : (n, 3) on the edges, in the TCP's frame
     side : (n,) of which finger, -1 or 1
-    origins_px, directions : (n, 2) of rays across the edges, out of the finger
+    origins_px, directions : (n, 2) origins and directions of rays across the edges, out of the
+        finger
     """
 
     points_mm: FloatArray
@@ -97,7 +98,7 @@ class TcpFit:
     ----------
     fit : the cell with what the fingers add to it: tool, roll, and all that hangs on them
     jaw_zero_mm, u_mm : opening where the counter means 0, and its standard uncertainty
-    ray_count : of the edges used
+    ray_count : number of rays of the edges used
     rms_px : of their distance from the prediction
     """
 
@@ -132,11 +133,11 @@ def finger_rays(
 
     Parameters
     ----------
-    fit : of the cell, which has the camera and the arm
+    fit : fit of the cell, which has the camera and the arm
     camera : by name
     q : (6,) joints
-    opening_mm : of the jaws, as their counter has it
-    shape : of the fingers
+    opening_mm : opening of the jaws, as their counter has it
+    shape : shape of the fingers
     """
     project = _projector(fit, camera, q)
     hulls: dict[int, FloatArray] = {}
@@ -183,11 +184,11 @@ def look_at_fingers(
     Parameters
     ----------
     picture : fingers dark before the bright panel
-    fit : of the cell
+    fit : fit of the cell
     camera : by name
     q : (6,) joints
-    opening_mm : of the jaws, as their counter has it
-    shape : of the fingers
+    opening_mm : opening of the jaws, as their counter has it
+    shape : shape of the fingers
     """
     rays = finger_rays(fit, camera, q, opening_mm, shape)
     rising = np.ones(len(rays.side))
@@ -209,10 +210,10 @@ def locate_tcp(
 
     Parameters
     ----------
-    fit : of the cell
+    fit : fit of the cell
     camera : by name
     looks : at several rolls and pitches
-    jaw_zero_std_mm : how far the opening may be from its counter, one standard deviation
+    jaw_zero_std_mm : standard deviation of the opening about its counter
 
     Raises
     ------

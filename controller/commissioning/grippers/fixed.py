@@ -39,9 +39,9 @@ class Touch:
     Attributes
     ----------
     name : for messages
-    T_world_tcp : (4, 4) of the arm at the contact
-    opening_mm : of its jaws when they stopped
-    pad : of its fingers that touched, 1 or -1 along the arm's y
+    T_world_tcp : (4, 4) pose of the arm at the contact
+    opening_mm : opening of its jaws when they stopped
+    pad : pad of its fingers that touched, 1 or -1 along the arm's y
     face : of the plate that was touched, 1 or -1 along the fixed gripper's y
     """
 
@@ -61,7 +61,7 @@ class TouchNoise:
     touch_mm : of one touch by itself at the most: counts, the contact, what gives in. How far the
         touches are from the faces takes its place, down to `least_mm`
     least_mm : of one touch at the least
-    opening_mm : of all openings together, after the arm's calibration
+    opening_mm : opening of all openings together, after the arm's calibration
     arm_mm, arm_rad : of where the arm is, alike in all touches
     """
 
@@ -79,7 +79,7 @@ class FixedGripperFit:
     Attributes
     ----------
     T_world_tcp : (4, 4)
-    cov : (6, 6) of rotation [rad] and position [mm], about its own axes
+    cov : (6, 6) covariance of rotation [rad] and position [mm], about its own axes
     u_mm, u_rad : standard uncertainty of the jaws' plane at the TCP, along its normal; half the
         angle that holds 95 % of its tilt
     observed, held : its freedoms by name, in its own frame
@@ -111,11 +111,11 @@ def locate_fixed_gripper(
     Parameters
     ----------
     T_world_tcp : (4, 4) as the cell file has it
-    std : (6,) how far off that is, rotation [rad] then position [mm], about its own axes
+    std : (6,) standard deviations of rotation [rad], then position [mm], about its own axes
     touches : on both faces of the plate
-    thickness_mm : of the plate
-    finger_width_mm : of the arm's fingers, whose tips' edges touch
-    noise : of the touches
+    thickness_mm : thickness of the plate
+    finger_width_mm : width of the arm's fingers, whose tips' edges touch
+    noise : noise of the touches
 
     Raises
     ------

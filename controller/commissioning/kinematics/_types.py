@@ -29,7 +29,7 @@ class BoardPicture:
 
     Attributes
     ----------
-    name : of the picture
+    name : name of the picture
     camera : which camera took it
     face : which printed pattern it shows
     board : its corners
@@ -106,7 +106,7 @@ class Face:
     Attributes
     ----------
     T_body_board : (4, 4) where the plate has it
-    pose_mm, pose_rad : how well that is known, one standard deviation; 0 holds it
+    pose_mm, pose_rad : standard deviations of that pose; 0 holds it
     scale : relative standard deviation of its size
     """
 
@@ -123,8 +123,8 @@ class Placing:
     Attributes
     ----------
     x_mm, y_mm, angle_rad : of the board in the world
-    height_mm : of the print over the table
-    mm, rad : how well x, y and the angle are known, one standard deviation; 0 holds them
+    height_mm : height of the print over the table
+    mm, rad : standard deviations of x and y, and of the angle; 0 holds them
     """
 
     x_mm: float
@@ -178,7 +178,7 @@ def base_std(bounds: Bounds = Bounds(), *, lever_mm: float = 360.0) -> FloatArra
 
     Parameters
     ----------
-    bounds : of base and table
+    bounds : bounds of base and table
     lever_mm : from the base to the middle of the table, about which the table is tilted
     """
     turned = np.hypot(bounds.base_rad / sqrt(5.0), [bounds.tilt_rad / 2.0] * 2 + [0.0])
@@ -196,9 +196,9 @@ def clamped_std(
 
     Parameters
     ----------
-    normal_rad : how parallel plate and pads are
-    centre_mm : how well the jaws centre it
-    free_mm : how far it may be moved along the pads
+    normal_rad : standard deviation of the angle between plate and pads
+    centre_mm : standard deviation of the centring by the jaws
+    free_mm : range along the pads in which it may lie
     """
     return np.array(
         [normal_rad, radians(8.0), normal_rad, free_mm, centre_mm, free_mm], dtype=np.float64

@@ -41,5 +41,5 @@ class KinematicArm(Protocol):
         Parameters
         ----------
         q : (n, 6) joints, as the counters have them
-        values : (k,) of the unknowns
+        values : (k,) values of the unknowns
         """

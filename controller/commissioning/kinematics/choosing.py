@@ -45,7 +45,7 @@ class Choice:
     Attributes
     ----------
     indices : into the candidates, in the order in which they help most
-    gain : how much each adds to the logarithm of the information's determinant
+    gain : increase of the logarithm of the information's determinant by each
     std : (m,) standard deviations of the unknowns that all of them will leave
     """
 
@@ -63,8 +63,8 @@ def predicted_picture(
     ----------
     layout, x : the cell as it is known
     candidate : where the arm is to be
-    corners_mm : (n, 2) of the print
-    name : of the picture
+    corners_mm : (n, 2) corners of the print
+    name : name of the picture
     """
     prior = layout.prior
     camera = layout.camera(x, candidate.camera, np.inf)
@@ -101,10 +101,10 @@ def choose(
 
     Parameters
     ----------
-    prior : of the cell
+    prior : prior of the cell
     candidates : that the arm can go to; those that show no board are passed over
-    corners_mm : of each face, (n, 2)
-    count : how many pictures
+    corners_mm : corners of each face, (n, 2)
+    count : number of pictures
     on_table : pictures of the board on the table, which are there in any case
     noise_px : standard deviation expected of a corner's u or v
     """

@@ -57,7 +57,7 @@ class Fault:
     ----------
     kind : board_scaled, board_file, camera_moved, plate_slipped, backlash, out_of_bounds, picture
     subject : which board, camera, motor, unknown or picture
-    message : what, how much, which limit, what to do
+    message : fault, amount, limit, and what to do
     """
 
     kind: str
@@ -77,9 +77,9 @@ def find_faults(
 
     Parameters
     ----------
-    prior, pictures, fit : what was calibrated, and how it came out
-    play : of each motor's gears, if measured
-    limits : what a good cell stays below
+    prior, pictures, fit : inputs and result of the calibration
+    play : play of each motor's gears, if measured
+    limits : limits that a good cell stays below
     """
     found = _backlash(play or {}, limits)
     cause = _likeliest(prior, pictures, fit, limits)
@@ -120,8 +120,8 @@ def board_again(
     camera : about where it stands
     name : of it, for the message
     first, again : the board in both pictures
-    height_mm : of its print over the table
-    limits : what a good cell stays below
+    height_mm : height of its print over the table
+    limits : limits that a good cell stays below
 
     Raises
     ------

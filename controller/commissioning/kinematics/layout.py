@@ -51,7 +51,7 @@ class Layout:
 
     Parameters
     ----------
-    prior : of the cell
+    prior : prior of the cell
     bumped : cameras that stood otherwise from a time on: name -> (time [s], std (6,) of the move)
     """
 
@@ -232,7 +232,7 @@ class _Chain:
 
         Parameters
         ----------
-        T_arm_tcp : (4, 4) of the picture
+        T_arm_tcp : (4, 4) pose of the picture
         by_arm : (k, 4, 4) its derivatives by the arm's figures, then by the joints
         T_world_arm : (4, 4)
         """

@@ -29,9 +29,9 @@ class Whitening:
 
     Attributes
     ----------
-    weights : (2 n,) of each coordinate, 0 for an outlier
+    weights : (2 n,) weights of each coordinate, 0 for an outlier
     along : (2 n, 6) directions in which the joints move the corners, orthonormal
-    spread : (6,) how much further than noise, as a ratio of standard deviations
+    spread : (6,) spread over that of noise, as a ratio of standard deviations
     """
 
     weights: FloatArray
@@ -106,7 +106,7 @@ def in_line(terms: PictureTerms, used: BoolArray, noise_px: float, limit_sigma: 
     terms : of the picture
     used : (n,) corners that the pose is fitted to
     noise_px : standard deviation of a corner's u or v
-    limit_sigma : what is further off is an outlier
+    limit_sigma : distance beyond which a point is an outlier
     """
     off = np.linalg.norm(within_picture(terms, used), axis=1)
     return np.asarray(off < limit_sigma * noise_px)
@@ -125,9 +125,9 @@ def joint_factor(
     Parameters
     ----------
     terms, used : of all pictures, at unknowns x near the solution
-    noise_px : of a corner
+    noise_px : noise of a corner
     joint_std : (6,) expected
-    prior_std : (m,) of the unknowns
+    prior_std : (m,) prior standard deviation of the unknowns
     x : (m,) the unknowns
     """
 

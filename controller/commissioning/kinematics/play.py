@@ -59,7 +59,7 @@ class HomingScatter:
     ----------
     joint_std : (6,) standard deviation of each joint's zero [rad, mm]
     tcp_mm, tcp_rad : standard uncertainty of the TCP, half the radius that holds 95 %
-    homing_count : of the homings compared
+    homing_count : number of homings of the homings compared
     """
 
     joint_std: FloatArray
@@ -80,7 +80,7 @@ def measure_play(
     ----------
     layout, x : the cell as it is known, roughly is enough
     stops : of each motor at least one stop that it came to from above, and from below
-    motors : how the joints (6,) turn with each motor, per radian of its own scale
+    motors : rates of the joints for each motor, per radian of its own scale
 
     Raises
     ------

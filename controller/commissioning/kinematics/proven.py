@@ -21,8 +21,8 @@ class ProvenFit:
 
     Attributes
     ----------
-    fit : of all pictures but those left out
-    play : of each motor's gears
+    fit : fit of all pictures but those left out
+    play : play of each motor's gears
     faults : empty where all is well
     left_out : the faults of pictures that the fit does without
     """

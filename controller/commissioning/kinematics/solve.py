@@ -49,7 +49,7 @@ class PictureFit:
     used_count, outlier_count : of its corners
     rms_px : of the distance of its used corners from their prediction
     own_rms_px : the same once its board may be anywhere: what the board itself does not explain
-    off_sigma : how far its board is from where the cell has it, in standard deviations of six
+    off_sigma : distance of its board from the pose in the cell file, in standard deviations of six
         degrees of freedom; about 1 where all is well
     """
 
@@ -150,7 +150,7 @@ def calibrate_cell(
 
     Parameters
     ----------
-    prior : what is known before
+    prior : prior knowledge
     pictures : at least one of the board at its known place on the table
     bumped : cameras that moved meanwhile, as `Layout`
     start : (m,) unknowns to begin with
@@ -280,7 +280,7 @@ def stacked(
 
     Parameters
     ----------
-    layout : of the unknowns
+    layout : layout of the unknowns
     terms, white : of all pictures
     y : (m,) the unknowns in these units; the last m residuals are the prior's
     """

@@ -40,7 +40,7 @@ def placed_roughly(camera: Camera, board: FoundBoard, height_mm: float) -> Placi
     ----------
     camera : as the cell file has it
     board : as its picture shows it
-    height_mm : of the print over the table
+    height_mm : height of the print over the table
     """
     T_world_board = camera.T_world_cam @ board_pose(camera, board)
     x_axis = T_world_board[:3, 0]
@@ -67,8 +67,8 @@ def held_roughly(
     ----------
     camera : as the cell file has it
     face : the printed pattern in the picture
-    picture : of the plate in the jaws
-    T_world_tcp : (4, 4) of that moment, by the cell file
+    picture : picture of the plate in the jaws
+    T_world_tcp : (4, 4) pose of that moment, by the cell file
     std : (6,) as `clamped_std`, its default
     """
     T_world_board = camera.T_world_cam @ board_pose(camera, picture.board)
@@ -111,8 +111,8 @@ def plate_faces(
 
     Parameters
     ----------
-    board : of the plate
-    back_mm, back_rad : how well the back's print meets the front's, one standard deviation
+    board : board of the plate
+    back_mm, back_rad : standard deviations of the back's print against the front's
     """
     width_mm, _, thickness_mm = board.plate_mm
     first_mm = board.margin_mm + board.square_mm  # the first inner corner, from the plate's side

@@ -28,7 +28,7 @@ class PoseUncertainty:
 
     Attributes
     ----------
-    cov : (6, 6) of rotation [rad] and position [mm], in world axes
+    cov : (6, 6) covariance of rotation [rad] and position [mm], in world axes
     u_mm, u_rad : half the radius within which position and orientation are with 95 %
     """
 
@@ -56,7 +56,7 @@ def tcp_poses(fit: CellFit, q: FloatArray, x: FloatArray | None = None) -> Float
 
     Parameters
     ----------
-    fit : of the cell
+    fit : fit of the cell
     q : (n, 6) joints
     x : (m,) unknowns in place of the fit's
     """
@@ -82,7 +82,7 @@ def aim_uncertainty_mm(fit: CellFit, camera: str, q: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    fit : of the cell
+    fit : fit of the cell
     camera : by name
     q : (n, 6) joints
     """
@@ -119,7 +119,7 @@ def camera_uncertainty(fit: CellFit, camera: str, points_mm: FloatArray) -> Floa
 
     Parameters
     ----------
-    fit : of the cell
+    fit : fit of the cell
     camera : by name
     points_mm : (n, 3) in the world
     """

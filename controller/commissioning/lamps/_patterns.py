@@ -43,7 +43,7 @@ class Surface:
 
     Attributes
     ----------
-    name : of the camera
+    name : name of the camera
     camera : about where it stands
     point_mm, normal : (3,) a point of the surface in the world, and its direction
     """
@@ -62,7 +62,8 @@ class Assignment:
     ----------
     switched : the name that was switched
     lit : the lamp whose pattern it makes
-    agreement : of the pattern seen with that of `lit`, 1 for the same, 0 for nothing alike
+    agreement : agreement of the pattern seen with that of `lit`, 1 for the same, 0 for nothing
+        alike
     own_agreement : the same with the pattern of `switched`
     """
 

@@ -32,7 +32,7 @@ class Folder:
 
     Parameters
     ----------
-    path : of the folder; it need not exist
+    path : path of the folder; it need not exist
     """
 
     def __init__(self, path: Path) -> None:

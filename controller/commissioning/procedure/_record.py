@@ -31,7 +31,7 @@ class Figure(Section):
 
     Attributes
     ----------
-    name : what it is of, for people
+    name : name of its subject, for people
     value : measured
     unit : empty where it has none
     uncertainty : standard uncertainty of the value; None where nobody worked it out
@@ -76,8 +76,8 @@ class Picture(Section):
     Attributes
     ----------
     file : its path from the folder of the step's evidence
-    caption : what it shows
-    sha256 : of its bytes
+    caption : caption of the picture
+    sha256 : SHA-256 of its bytes
     """
 
     file: str
@@ -91,7 +91,7 @@ class GivenAnswer(Section):
     Attributes
     ----------
     text : of the question
-    choice : what was answered
+    choice : answer given
     who : gave the answer
     """
 
@@ -106,12 +106,12 @@ class StepRecord(Section):
     Attributes
     ----------
     step : its name
-    message : why it did not pass; empty if it did
+    message : reason why it did not pass; empty if it did
     began, ended : UTC
-    by : who commissioned
+    by : name of the person who commissioned
     software : that did
     cell : name of the cell
-    cell_digest : of what the nominal cell file describes, `cell_digest`
+    cell_digest : digest of what the nominal cell file describes, `cell_digest`
     emulated : the devices that were emulated
     evidence : folder of its pictures, from the folder of the commissioning
     based_on : calibrations it used, by the hash of their file

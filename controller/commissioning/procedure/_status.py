@@ -25,7 +25,7 @@ class StepPlan:
 
     Attributes
     ----------
-    name : of the step
+    name : name of the step
     needs : the steps that have to be done before it
     valid_days : after which it is stale; None for never
     """
@@ -43,7 +43,7 @@ class Standing:
     ----------
     step : its name
     status : done or not
-    reason : why it is not done; for a step that is, when it was
+    reason : reason why it is not done; for a finished step, its date
     """
 
     step: str
@@ -69,7 +69,7 @@ def standings(
     plans : all steps, each after those that it needs
     records : the last record of each step that has one
     now : with its offset from UTC
-    digest : of what the cell file describes
+    digest : digest of what the cell file describes
     calibrations : the hash of each calibration that the cell has now
     """
     found: dict[str, Standing] = {}

@@ -84,8 +84,8 @@ def taught_trays(
 
     Parameters
     ----------
-    before : what was known so far; None for nothing
-    name, centre_mm : of the tray
+    before : results so far; None for none
+    name, centre_mm : name and centre of the tray
     u_mm : standard uncertainty of this centre
     arm : the arm's calibration that it was taught with; None without one
     now, by, software, cell : for its header

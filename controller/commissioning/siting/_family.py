@@ -39,8 +39,8 @@ class Picks:
 
     Attributes
     ----------
-    pose, place, grasp : (k,) of each pick: index of its stable pose, of its planar pose, of its
-        grasp
+    pose, place, grasp : (k,) pose, place and grasp of each pick: index of its stable pose, of its
+        planar pose, of its grasp
     q_hold, q_above : (k, 6) configurations in which the arm gripper closes, and from which it comes
     """
 
@@ -60,14 +60,14 @@ class FamilyMember:
     ----------
     weights : (n,) share of the surface each sample stands for
     vectors : (v, 3) directions from the part to the camera
-    shown : (base_count, v, n) what the arm gripper leaves in sight
+    shown : (base_count, v, n) mask of what the arm gripper leaves visible
     bits : the same packed eight samples to a byte
     T_view, inside : (v, r, 4, 4), (v, r) of `views.view_poses` in the cell as given
     start_poses : stable poses from which some grasp picks, wherever things stand
     from_pose : (p, 2 base_count) which grasps clear the table in each, from above
-    probabilities : (p,) of these poses; their sum is 1
+    probabilities : (p,) probabilities of these poses; their sum is 1
     completes : (base_count, base_count) the second grasp shows what the first one hides
-    radius_mm : of the ball about the centre of mass that contains the part
+    radius_mm : radius of the ball about the centre of mass that contains the part
     """
 
     prepared: PreparedPart

@@ -64,7 +64,7 @@ def site_report(
     ----------
     parts : of `prepare_part` in this layout
     layout : the cell as it stands
-    options : how much is tried, and what is noise; None for the defaults
+    options : extent of the search, and noise level; None for the defaults
     progress : called with the name of the step, steps done and steps in all
 
     Raises
@@ -102,7 +102,7 @@ def reasons_to_move(present: SiteScore, best: SiteScore, options: SiteOptions) -
     ----------
     present : the present site; the same object as ``best`` if nothing is better
     best : the best site found
-    options : how much is more than noise
+    options : noise levels
     """
     if best is present:
         return ()

@@ -51,7 +51,7 @@ class PartScore:
 
     Attributes
     ----------
-    name : of the part
+    name : name of the part
     showable : share that some grasp and some direction show, whatever the site
     shown : mean over the stable poses it may start in, weighted by their probabilities
     shown_worst : in the worst of these poses
@@ -86,7 +86,7 @@ class SiteScore:
     Attributes
     ----------
     stage : "joints", by kinematics alone, or "checked", with collisions and hand-offs
-    forbidden : why camera and fixed gripper may not stand there; None if they may
+    forbidden : reason why camera and fixed gripper may not stand there; None if they may
     value : figure by which sites are ranked, see `value_of`
     trays : per tray the share of the arm gripper's poses over it that touch nothing; a tray with 0
         cannot be served

@@ -31,7 +31,7 @@ class CellSite:
     ----------
     station_mm : (3,) world
     towards : (3,) unit vector from the station to the camera
-    T_world_fixed_tcp : (4, 4) of its TCP frame; None if the cell has no fixed gripper
+    T_world_fixed_tcp : (4, 4) pose of its TCP frame; None if the cell has no fixed gripper
     """
 
     station_mm: FloatArray

@@ -67,7 +67,7 @@ def survey(
     ----------
     parts : the family the cell is laid out for, at least one
     layout : the cell as it stands
-    options : how much is tried; None for the defaults
+    options : extent of the search; None for the defaults
     progress : called with the name of the step, steps done and steps in all; None for no call
 
     Raises

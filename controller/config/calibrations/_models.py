@@ -50,12 +50,12 @@ class Calibration(Section):
     Attributes
     ----------
     measured : when, with its offset from UTC
-    by : who
+    by : name of the person
     software : that found it
     cell : name of the cell
     evidence : folder with pictures and figures, from the folder of the cell file
     valid_days, valid_runs : after which it is stale; None for never
-    residual : of the fit
+    residual : residual of the fit
     based_on : calibrations that went into this one, by the hash of their file
     """
 
@@ -130,15 +130,15 @@ class ArmCalibration(Calibration):
 
     Attributes
     ----------
-    T_world_arm : of its base
+    T_world_arm : pose of its base
     tool_off_mm : of the TCP from the approach axis, along the jaws' axis and across
     zero_deg : of joints that are approached with every motor from below
     zed_zero_mm : height of zed where its counter means 0
     yaw_per_elbow : heading that a turn of the elbow adds to the nominal half of it
     sag_mm : by how much the stretched arm hangs lower
     jaw_zero_mm : opening of the jaws where their counter means 0
-    play_deg : of the gears of each motor, from one flank to the other
-    repeatability_mm : of the TCP, from homing to homing
+    play_deg : play of the gears of each motor, from one flank to the other
+    repeatability_mm : repeatability of the TCP, from homing to homing
     observable, held : parameters that the pictures decided, and those that priors did
     """
 
@@ -237,8 +237,8 @@ class Figure(Section):
 
     Attributes
     ----------
-    value : what 95 % of the looks do not pass
-    count : of looks
+    value : value that 95 % of the looks stay below
+    count : number of looks
     """
 
     value: Uncertainty

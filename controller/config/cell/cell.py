@@ -32,9 +32,9 @@ class Cell(Section):
 
     Attributes
     ----------
-    name : of the cell, for people
+    name : name of the cell, for people
     calibration : files of what was measured; they take the place of the drawing's values
-    clock : of the emulator whose addresses are given in `devices`
+    clock : clock of the emulator whose addresses are given in `devices`
     arm : a UMI RTX, or an arm of another make, which has `shape`
     obstacles : further boxes in the world that nothing may touch
     interlock_rules : rules beside those that every cell has, by name

@@ -46,8 +46,8 @@ class LineSection(DeviceSection):
 
     Attributes
     ----------
-    transport : how requests are framed, and over what
-    baudrate, parity : of a serial line
+    transport : framing and transport of requests
+    baudrate, parity : baudrate and parity of a serial line
     echo : the line brings back what is sent, as an RS-485 adapter with local echo does
     returns_ids : answers over TCP have the transaction number and unit id of their request; false
         for a gateway that puts its own

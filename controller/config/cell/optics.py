@@ -32,7 +32,7 @@ class CameraSection(Section):
     exposure_s, fps : exposure and pictures a second that the camera is set to
     formats : pixel formats to ask for, the first that the camera has
     settle_frames : frames discarded after the stream starts
-    margin_s : how far a frame's time stamp may be off; None for the driver's own figure
+    margin_s : largest error of a frame's time stamp; None for the driver's own figure
     calibrated : when; the report states it
     """
 
@@ -93,11 +93,11 @@ class LightSection(Section):
     Attributes
     ----------
     kind : a panel that glows, a ring about a lens, or a spot
-    centre : of the light, in the world
+    centre : centre of the light, in the world
     normal, up : of a panel: where it shines, and the direction of its height
-    size : of a panel: width, height
-    radius, width : of a ring: to the middle of its light, and across it
-    diameter : of a spot
+    size : size of a panel: width, height
+    radius, width : radius and width of a ring: to the middle of its light, and across it
+    diameter : diameter of a spot
     """
 
     kind: Literal["panel", "ring", "spot"]
@@ -146,8 +146,8 @@ class AccuracySection(Section):
     Attributes
     ----------
     edge_px, light_px, lens_px : of an edge, by its noise, by light, by what calibration leaves
-    depth_mm : of the part along the line of sight of the inspection camera
-    scale : of the calibration, as a share of a length
+    depth_mm : depth of the part along the line of sight of the inspection camera
+    scale : scale of the calibration, as a share of a length
     temperature_k : of the part from 20 degrees Celsius
     """
 

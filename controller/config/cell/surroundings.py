@@ -29,7 +29,7 @@ class TableSection(Section):
 
     Attributes
     ----------
-    glowing_area : what is lit from below
+    glowing_area : area lit from below
     drop_area : where parts are looked for and planned from
     """
 
@@ -62,7 +62,7 @@ class FixedGripperSection(Section):
 
     Attributes
     ----------
-    pose : of its TCP: x is the approach, along y the pads open
+    pose : pose of its TCP: x is the approach, along y the pads open
     jaw_max_mm : its widest opening
     body : boxes in the frame of its TCP
     post : box in the world: what it is bolted to
@@ -90,7 +90,7 @@ class PlateSection(Section):
     ----------
     corner : in the world
     along, across : the two edges from it
-    thickness_mm : of the plate
+    thickness_mm : thickness of the plate
     """
 
     corner: Vec3
@@ -114,7 +114,7 @@ class ChuteSection(Section):
 
     Attributes
     ----------
-    plates : what the part slides on
+    plates : plates that the part slides on
     walls : boxes in the world that keep it on the plates, and on the table
     """
 

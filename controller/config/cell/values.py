@@ -83,7 +83,7 @@ class Pose(Section):
 
     Attributes
     ----------
-    position : of the origin
+    position : position of the origin
     x_axis, y_axis : directions, of length 1 and at right angles
     """
 

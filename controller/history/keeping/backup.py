@@ -53,7 +53,7 @@ def back_up(runs_dir: Path, path: Path, *, with_pictures: bool) -> Backup:
     Parameters
     ----------
     runs_dir : folder of all runs
-    path : of the file; ``.gz`` at its end compresses it
+    path : path of the file; ``.gz`` at its end compresses it
     with_pictures : pictures of the runs, too
 
     Raises

@@ -33,7 +33,7 @@ class OldPictures:
     Attributes
     ----------
     files : relative to the run's folder
-    size : of all of them [bytes]
+    size : size of all of them [bytes]
     """
 
     run: str
@@ -84,7 +84,7 @@ def drop_pictures(runs_dir: Path, old: OldPictures, before: datetime, who: str) 
     Parameters
     ----------
     runs_dir : folder of all runs
-    old : what is deleted
+    old : rows to delete
     before : the time that was named
     who : decided it
 

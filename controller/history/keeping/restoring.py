@@ -27,7 +27,7 @@ class Restored:
     Attributes
     ----------
     at : when the backup was made
-    flaw : what is wrong with the journal, as it was then; empty if nothing is
+    flaw : fault in the journal as it was then; empty if there is none
     """
 
     file_count: int
@@ -40,7 +40,7 @@ def restore(path: Path, runs_dir: Path) -> Restored:
 
     Parameters
     ----------
-    path : of the backup
+    path : path of the backup
     runs_dir : made if there is none
 
     Raises

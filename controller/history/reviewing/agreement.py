@@ -56,7 +56,7 @@ class Reviewed:
     Attributes
     ----------
     face : its label; empty if a finding lies on no face
-    false_alarms : of those that a person named
+    false_alarms : false alarms of those that a person named
     unnamed : findings that nobody named
     """
 

@@ -81,7 +81,7 @@ def decide(
     runs_dir : folder of all runs
     word : the part, as `one_part` takes it
     decision : the verdict
-    seen : how many verdicts of persons whoever decides has seen; None for no matter how many
+    seen : number of persons' verdicts that the decider has seen; None for any
 
     Raises
     ------

@@ -38,7 +38,7 @@ class CellAnswers:
 
     Parameters
     ----------
-    setting : what the page was started with
+    setting : start options of the page
     workshop : where the doctor works
     """
 

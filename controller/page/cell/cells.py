@@ -39,7 +39,7 @@ class CellFile:
 
     Attributes
     ----------
-    key : what names it at the page
+    key : name of it at the page
     path : the file
     """
 
@@ -55,11 +55,11 @@ class Past:
     ----------
     usage : of calibrations, by the hash of their files
     off_mm : part by part, oldest first: how far arm and station camera disagreed between views
-    connected : how each device identified itself when a run last connected
+    connected : identities that the devices reported when a run last connected
     connected_at : when that was, UTC; empty if never
     connected_run : in which run
     emulated : devices that were emulated in it
-    problem : why the journal cannot be read; empty where it can, or is not there
+    problem : reason why the journal cannot be read; empty where it can, or is not there
     """
 
     usage: Mapping[str, Usage]
@@ -108,7 +108,7 @@ class CellFiles:
 
         Parameters
         ----------
-        file : of the cell
+        file : file of the cell
         cell : its name leads to the folder, unless the file stands in one
         """
         beside = file.path.parent
@@ -191,8 +191,8 @@ def cell_facts(files: CellFiles, file: CellFile, past: Past, now: datetime) -> d
 
     Parameters
     ----------
-    files, file : of the cell
-    past : what runs have left of it
+    files, file : files and file of the cell
+    past : record of it in past runs
     now : with its offset from UTC
     """
     found: dict[str, Any] = {"key": file.key, "file": file.path.name, "problem": ""}

@@ -139,7 +139,7 @@ def live_facts(bodies: Sequence[dict[str, Any]], folder: Path) -> list[dict[str,
     Parameters
     ----------
     bodies : lines that it has printed so far
-    folder : of its pictures
+    folder : folder of its pictures
     """
     last = {(one["camera"], one["lamp"]): one for one in bodies if one.get("event") == "picture"}
     return [

@@ -53,7 +53,7 @@ async def run_picture(folder: Path, name: str) -> Response | None:
 
     Parameters
     ----------
-    folder : of the run
+    folder : folder of the run
     name : as the journal has it
     """
     path = file_within(folder, name)
@@ -80,7 +80,7 @@ def mesh_of(recipe: Mapping[str, Any], stored: Mapping[str, str], folder: Path) 
     ----------
     recipe : of the run
     stored : files that the run was started with, as its first row has them
-    folder : of the run
+    folder : folder of the run
     """
     solid = solid_of(recipe, stored, folder)
     if not isinstance(solid, Solid):

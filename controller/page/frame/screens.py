@@ -67,7 +67,7 @@ class Look:
     Attributes
     ----------
     path : below the screen, as Starlette writes it (`picture/{number:int}`); empty is the screen
-    answer : what makes the answer
+    answer : function that makes the answer
     role : the least role that may see it
     """
 
@@ -84,7 +84,7 @@ class Act:
     ----------
     path : below the screen
     body : model that the body must fit
-    answer : what does it
+    answer : function that does the work
     role : the least role that may do it
     """
 
@@ -103,7 +103,7 @@ class Upload:
     path : below the screen, without parameters
     max_bytes : largest size
     suffixes : which its name may have, in small letters
-    answer : what is done with it; the file is deleted when the answer is made
+    answer : function that uses it; the file is deleted once the answer is made
     role : the least role that may do it
     """
 
@@ -123,9 +123,9 @@ class Screen:
     name : in small letters: the first part of its addresses, and its package below
         `controller.page`, with `templates/`, `static/` and `catalogues/`
     title : in English, for the navigation bar; the catalogue of `frame` has it
-    answers : what it answers
+    answers : paths and methods it answers
     role : the least role to which the navigation bar shows it
-    beside : what runs while the page is served, None for nothing
+    beside : background task while the page is served; None for none
     hang_up : ends the answers that would go on for long, None where there are none; called when the
         page ends, before it waits for its answers
     """

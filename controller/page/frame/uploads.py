@@ -46,7 +46,7 @@ async def received(request: Request, upload: Upload) -> AsyncIterator[Uploaded]:
     Parameters
     ----------
     request : whose body is the file, and whose query has its `name`
-    upload : what may be taken
+    upload : limits of an upload
 
     Raises
     ------

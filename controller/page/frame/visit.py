@@ -46,7 +46,7 @@ class Frame:
     Attributes
     ----------
     site : under which addresses browsers find the page
-    accounts, sessions, attempts : who may log in, who has, who tried
+    accounts, sessions, attempts : accounts, open sessions, and failed log-ins
     screens : in the order of the navigation bar
     one_at_a_time : is held while a password is tried
     """
@@ -90,9 +90,9 @@ class Frame:
 
         Parameters
         ----------
-        request : what is answered
+        request : request to answer
         template : its name
-        values : what the template shows
+        values : values for the template, by name
         screen : whose texts it has
         status : of the answer
         """
@@ -119,8 +119,8 @@ class Visit:
 
     Attributes
     ----------
-    frame, screen : what is visited
-    request : what the browser sent; the body of an act or an upload has been read
+    frame, screen : frame and screen visited
+    request : request of the browser; the body of an act or an upload has been read
     session : whose it is
     """
 
@@ -155,7 +155,8 @@ class Visit:
         ----------
         template : its name within the screen's `templates/`, or the shared ones
         status : of the answer
-        values : what it shows, beside `who`, `role`, `may_act`, `may_edit` and what the frame needs
+        values : values for the template, beside `who`, `role`, `may_act`, `may_edit` and those of
+            the frame
         """
         role, told = self.account.role, teller(self.language)
         shared: dict[str, object] = {

@@ -230,8 +230,8 @@ def chosen(wanted: str | None, accepted: str) -> str:
 
     Parameters
     ----------
-    wanted : what the person chose, None if nothing
-    accepted : what the browser prefers, as its `Accept-Language` has it
+    wanted : choice of the person, None without one
+    accepted : preference of the browser, as its `Accept-Language` has it
     """
     if wanted is not None and wanted in LANGUAGES:
         return wanted

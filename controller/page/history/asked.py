@@ -38,7 +38,7 @@ class Asked:
 
     Attributes
     ----------
-    values : of the form's fields, as they were written
+    values : values of the form's fields, as they were written
     wrong : fields that make no sense
     """
 

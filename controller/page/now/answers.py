@@ -87,8 +87,8 @@ class NowAnswers:
 
     Parameters
     ----------
-    setting : what the page was started with
-    live : what is known of the cell
+    setting : start options of the page
+    live : current state of the cell
     launcher : starts runs
     """
 

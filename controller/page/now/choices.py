@@ -24,11 +24,11 @@ class RecipeChoice:
     Attributes
     ----------
     key : as it is named on the command line, from the project's folder
-    name : of the product
+    name : name of the product
     part : its CAD file
     count : parts of a run unless another number is given
     emulated : kinds of devices that its cell file has emulated
-    problem : why it cannot be used, empty if it can
+    problem : reason why it cannot be used, empty if it can
     """
 
     key: str
@@ -47,7 +47,7 @@ class CellChoice:
     ----------
     key : as it is named on the command line, from the project's folder
     emulated, real : its devices
-    problem : why it cannot be used, empty if it can
+    problem : reason why it cannot be used, empty if it can
     """
 
     key: str

@@ -64,10 +64,10 @@ class HeldPart:
     Attributes
     ----------
     custody : which gripper, tray or table has it
-    number : of the part in the run, 0 before the first
+    number : number of the part in the run, 0 before the first
     T_world_part : where it was seen last
     let_go : joints at which the arm gripper let go of it, and how it had held it
-    T_part_tcp : how the arm gripper holds it
+    T_part_tcp : grasp of the arm gripper
     arm_mm, fixed_mm : openings of the grippers, None for open
     """
 
@@ -91,7 +91,7 @@ class RunFold:
     began : its first row, None before it
     pictures : files of the run's folder that the page may show
     inputs : SHA-256 of the files that the run was started with
-    others : what else lies on the table
+    others : other objects on the table
     state, arm, part : of cell, arm and part
     is_at_rest : the run has come to rest; what is left of it is its report
     compared : by face of the part at hand, how many of its samples the views have compared so far,

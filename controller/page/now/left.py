@@ -16,7 +16,7 @@ def left_in_grippers(journal: Path, began: rows.RunBegan) -> tuple[Held, ...]:
 
     Parameters
     ----------
-    journal : of the cell
+    journal : journal of the cell
     began : the first row of its last run
 
     Raises

@@ -30,7 +30,7 @@ def write_list(sent: Path, to: Path, choices: Choices, project_dir: Path) -> Map
     ----------
     sent : CSV with a line of titles, comma or semicolon between values
     to : file to write
-    choices : what may be started
+    choices : choices for a start
     project_dir : folder of the project
 
     Raises

@@ -72,7 +72,7 @@ class Watcher:
     Attributes
     ----------
     owner : name of the account
-    address : of the browser
+    address : address of the browser
     waiting : messages by kind, in the order in which they came
     """
 
@@ -103,7 +103,7 @@ class Live:
     Parameters
     ----------
     runs_dir : folder of all runs
-    started : what the page has started last, as JSON
+    started : last start by the page, as JSON
     clock : UTC, seconds since 1970
     """
 
@@ -149,7 +149,7 @@ class Live:
         Parameters
         ----------
         owner : name of the account that looks
-        address : of its browser
+        address : address of its browser
 
         Raises
         ------
@@ -393,7 +393,7 @@ def light_of(status: StatusReply | None, has_run: bool, state: str) -> str:
     ----------
     status : of the running cell, None without one
     has_run : somebody has the cell
-    state : of the machine
+    state : state of the machine
     """
     mode = state.partition("_")[0]
     if mode in ("aborting", "aborted"):

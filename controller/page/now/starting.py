@@ -76,7 +76,7 @@ class StartBody(Body):
     serials, serial_from : serial numbers one by one, or the first of those that are counted
     goes_on : counting goes on after the last number of the earlier runs
     is_read : serial numbers are read off the parts
-    speed, seed : of the emulated cell
+    speed, seed : speed and seed of the emulated cell
     """
 
     recipes: tuple[CountedRecipe, ...] = Field(default=(), max_length=RECIPE_MAX_COUNT)
@@ -168,7 +168,7 @@ class Work:
 
     Attributes
     ----------
-    recipes, who : what, and for whom
+    recipes, who : recipes, and the user who gets them
     began : UTC
     log : file of what it prints
     code : its exit code, None while it works
@@ -204,7 +204,7 @@ class Launcher:
     Parameters
     ----------
     setting : folder of runs, and the project's folder, in which the commands run
-    command : what `cellctl` is
+    command : command line that runs `cellctl`
     now : UTC
     """
 
@@ -265,7 +265,7 @@ class Launcher:
 
         Parameters
         ----------
-        body : what to start
+        body : run to start
         who : name of the account
 
         Raises
@@ -358,7 +358,7 @@ def require_known(body: StartBody, choices: Choices) -> None:
     Parameters
     ----------
     body : of the start
-    choices : what it may name
+    choices : allowed names
 
     Raises
     ------

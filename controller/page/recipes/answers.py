@@ -83,7 +83,7 @@ class RecipeAnswers:
 
     Parameters
     ----------
-    setting : what the page was started with
+    setting : start options of the page
     workshop : where child processes work
     """
 

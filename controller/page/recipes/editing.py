@@ -45,7 +45,7 @@ class CharacteristicChange(_Words):
 
     Attributes
     ----------
-    id : of the characteristic
+    id : id of the characteristic
     nominal, lower, upper, critical, ignore : as in a recipe; only those that are given are changed
     """
 
@@ -72,7 +72,7 @@ class Changes(_Words):
 
     Attributes
     ----------
-    sha256 : of the file that the person has before them
+    sha256 : SHA-256 of the file that the person has before them
     """
 
     sha256: str = Field(min_length=64, max_length=64)
@@ -89,7 +89,7 @@ class Draft:
     Attributes
     ----------
     text : of the file
-    sha256 : of the text
+    sha256 : SHA-256 of the text
     diff : lines of a unified diff from the file to it; empty where nothing changes
     """
 
@@ -103,7 +103,7 @@ def drafted(file: RecipeFile, changes: Changes) -> Draft:
 
     Parameters
     ----------
-    file : of the recipe
+    file : file of the recipe
     changes : to it
 
     Raises
@@ -133,7 +133,7 @@ def save(file: RecipeFile, changes: Changes, seen_sha256: str) -> Draft:
 
     Parameters
     ----------
-    file : of the recipe
+    file : file of the recipe
     changes : to it
     seen_sha256 : of the draft whose diff the person has seen
 

@@ -65,8 +65,8 @@ class ReadRecipe:
     Attributes
     ----------
     recipe : None where the file is wrong
-    problem : why, with file, without its folder, and line; empty where it is not
-    sha256 : of its bytes
+    problem : reason with file, without its folder, and line; empty where there is none
+    sha256 : SHA-256 of its bytes
     mark : changes with the recipe, and with the files that it names
     """
 

@@ -18,7 +18,7 @@ def note(runs_dir: Path, who: str, what: str, file: str, **more: object) -> None
     Parameters
     ----------
     runs_dir : folder of all runs, where it is kept
-    who : who did it
+    who : name of the person
     what : was done
     file : to which
     more : further facts

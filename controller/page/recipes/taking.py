@@ -38,8 +38,8 @@ class Staged:
     Attributes
     ----------
     path : where it is kept, under the name that it will have
-    sha256 : of its bytes
-    unit : of its lengths, where its format names none
+    sha256 : SHA-256 of its bytes
+    unit : unit of its lengths, where its format names none
     body : which of a STEP file's bodies is meant; empty for its only one
     """
 
@@ -68,7 +68,7 @@ class Staged:
 
         Parameters
         ----------
-        unit : of its lengths
+        unit : unit of its lengths
         body : of several
         """
         return replace(self, unit=unit, body=body_name(body))
@@ -91,7 +91,7 @@ class Stage:
 
         Parameters
         ----------
-        name : of the file, without folders
+        name : name of the file, without folders
         path : where its bytes are for now
         """
         self.clear()

@@ -57,9 +57,9 @@ def write_wanted(url: str, runs_dir: Path, wanted: Wanted, path: Path) -> str:
 
     Parameters
     ----------
-    url : of the store
+    url : URL of the store
     runs_dir : folder of all runs
-    wanted : what it has
+    wanted : filters
     path : its place, with the suffix of its form
     """
     try:

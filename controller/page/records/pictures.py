@@ -29,9 +29,9 @@ class Shown:
 
     Attributes
     ----------
-    pictures : of the table, then of the views
-    coverage : how much of each face was compared, as JSON; None where the part was not judged
-    recipe, files : of the part, and what the run read, by path: for its mesh
+    pictures : pictures of the table, then of the views
+    coverage : compared share of each face, as JSON; None where the part was not judged
+    recipe, files : recipe and files of the part, and what the run read, by path: for its mesh
     is_whole : the run has ended, and no more comes
     """
 

@@ -116,7 +116,7 @@ class Records:
         Parameters
         ----------
         question : takes the store first
-        args, kwargs : what else it takes
+        args, kwargs : further arguments
 
         Raises
         ------
@@ -213,7 +213,7 @@ class Records:
 
         Parameters
         ----------
-        wanted : what it has
+        wanted : filters
         path : its place
         """
         async with self._writing:

@@ -34,7 +34,7 @@ def page_asked(query: Mapping[str, str], most: int) -> int:
 
     Parameters
     ----------
-    query : of the address
+    query : query of the address
     most : largest number
     """
     text = query.get("page", "1")
@@ -46,7 +46,7 @@ def page_count(count: int, listed: int) -> int:
 
     Parameters
     ----------
-    count : of all that the list has
+    count : number of all that the list has
     listed : of those on one page
     """
     return max(1, -(-count // listed))

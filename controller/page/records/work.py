@@ -45,7 +45,7 @@ def fill_store(url: str, runs_dir: Path) -> tuple[tuple[str, ...], float]:
 
     Parameters
     ----------
-    url : of the store
+    url : URL of the store
     runs_dir : folder of all runs
     """
     began_s = time.process_time()

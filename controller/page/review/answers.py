@@ -53,7 +53,7 @@ class ReviewAnswers:
 
     Parameters
     ----------
-    setting : what the page was started with
+    setting : start options of the page
     records : parts of all runs
     """
 

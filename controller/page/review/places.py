@@ -18,7 +18,7 @@ class Place:
     ----------
     plainest : the finding that tells most, as `controller.history` has it
     others : the rest
-    said : what a person said of all of them; empty where nobody did, or not the same of each
+    said : person's verdict on all of them; empty without one, or where they differ
     """
 
     plainest: Mapping[str, Any]
@@ -46,7 +46,7 @@ def places_of(findings: Sequence[Mapping[str, Any]]) -> list[Place]:
 
     Parameters
     ----------
-    findings : of one part, as `controller.history` has them
+    findings : findings of one part, as `controller.history` has them
     """
     placed = [one for one in findings if _point(one) is not None]
     groups = [[placed[i] for i in members] for members in by_place([_seen(one) for one in placed])]

@@ -148,7 +148,7 @@ class Accounts:
 
         Parameters
         ----------
-        name, role : of the account
+        name, role : name and role of the account
         password : as typed; only its hash is kept
 
         Raises

@@ -49,7 +49,7 @@ class Guard:
 
     Parameters
     ----------
-    app : what it stands before
+    app : application behind it
     site : under which addresses browsers find it
     uploads : addresses that take a file, with its largest size [bytes]
     """

@@ -42,7 +42,7 @@ class Session:
     Attributes
     ----------
     account : whose it is
-    csrf : what each of its orders must carry
+    csrf : token that each of its orders must carry
     began_s, used_s : on the clock of the sessions
     mark : `Accounts.mark` of the account when it began
     """
@@ -91,7 +91,7 @@ class Sessions:
     ----------
     clock : UTC, seconds since 1970
     path : the file, None for sessions that end with the server
-    accounts : who may log in
+    accounts : accounts that may log in
     """
 
     def __init__(

@@ -34,7 +34,7 @@ def difference(a: EdgePicture, b: EdgePicture, stance: Stance, light: Light) -> 
     Parameters
     ----------
     a, b : two predictions, or a measured picture and a prediction
-    stance : how the part may be off
+    stance : uncertainty of the part's pose
     light : against the backlight or under the lamps
     """
     step = a.step_px

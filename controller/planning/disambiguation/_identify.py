@@ -74,7 +74,7 @@ def discriminate(
     light : in which the picture was taken
     among : the hypotheses still possible
     edges_px : (n,) edges that each prediction shows, of `edges_shown`; for pictures under lamps
-    rules : how much of a picture must differ; None for the defaults
+    rules : minimum difference between pictures; None for the defaults
     """
     rules = rules or DisambiguationRules()
     needed = needed_px(light, rules)

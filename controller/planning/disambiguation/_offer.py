@@ -34,7 +34,7 @@ def offered_views(
 
     Parameters
     ----------
-    hypotheses : what the part in the gripper may be, at least one
+    hypotheses : hypotheses of the part in the gripper, at least one
     layout : the cell
     opening_mm : between the inner sides of the fingers
     q_from : (6,) where the arm stands

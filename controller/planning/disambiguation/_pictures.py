@@ -48,8 +48,7 @@ class EdgePicture:
     ----------
     mask : where the part is
     edges : its outline and the edges inside it that show
-    behind, before : what the arm gripper or the arm covers from the light behind, and of the part's
-        face
+    behind, before : masks of arm gripper and arm: over the light behind, and over the part's face
     """
 
     step_px: int
@@ -69,7 +68,7 @@ class Stance:
     shift_px : it may be off so far each way, the tilt of what lies before or behind the tip
         included
     turn_rad : and turned about the sight line
-    tolerance_px : what tilts may still move apart after that, and how well edges are found
+    tolerance_px : movement that tilts may still cause after that, and the error of edges
     """
 
     pivot_px: FloatArray
@@ -92,8 +91,8 @@ def region_of(
     Parameters
     ----------
     outer_mm : of `outer_points`
-    T_world_part : of each hypothesis (4, 4), as it is held up
-    camera : of the view
+    T_world_part : pose of each hypothesis (4, 4), as it is held up
+    camera : camera of the view
     margin : in pixels, on all sides
     """
     found = [view_roi(p, T, camera, margin) for p, T in zip(outer_mm, T_world_part, strict=True)]
@@ -121,7 +120,7 @@ def predict(
     solid : the hypothesis's part
     caster : rays against its mesh
     T_world_part : (4, 4) as it is held up
-    camera : of the view
+    camera : camera of the view
     roi : region of the picture
     step_px : distance of the grid's pixels
     arm_gripper : of `see_boxes` on the same grid; None where nothing holds the part
@@ -169,7 +168,7 @@ def see_boxes(boxes: Sequence[Box], camera: Camera, roi: Roi, step_px: int) -> V
     boxes : in the world, at least one
     camera : calibrated, in the world's frame
     roi : region of the picture that is asked for
-    step_px : of its pixels, every so many are looked at
+    step_px : step of its pixels, every so many are looked at
     """
     corners = [(_CORNERS * b.half_mm) @ b.T[:3, :3].T + b.T[:3, 3] for b in boxes]
     triangles = np.vstack([_TRIANGLES + 8 * k for k in range(len(boxes))])
@@ -193,11 +192,11 @@ def stance_of(
     Parameters
     ----------
     outer_mm : of each hypothesis, `outer_points` (n, 3), CAD frame
-    T_world_part : of each hypothesis (4, 4), as it is held up
+    T_world_part : pose of each hypothesis (4, 4), as it is held up
     T_world_tcp : (4, 4) pose of the TCP
-    camera : of the view
+    camera : camera of the view
     roi : region of the picture; the pivot is counted from its corner
-    rules : how well the hold is known
+    rules : uncertainty of the grasp
     """
     axis = camera.T_world_cam[:3, 2]
     tcp_mm = T_world_tcp[:3, 3]

@@ -85,13 +85,13 @@ def predict_view(
 
     Parameters
     ----------
-    hypotheses : what the part in the gripper may be
+    hypotheses : hypotheses of the part in the gripper
     models : of `model_of`, one per hypothesis
     layout : the cell
     q : (6,) row of joints
-    opening_mm : of the arm gripper that holds it
+    opening_mm : opening of the arm gripper that holds it
     step_px : distance of the grid's pixels
-    rules : how well the hold is known, and which edges show
+    rules : uncertainty of the grasp, and which edges are visible
     camera : the inspection camera unless given
     """
     camera = camera or layout.inspection
@@ -128,12 +128,12 @@ def separations(
 
     Parameters
     ----------
-    hypotheses : what the part in the gripper may be
+    hypotheses : hypotheses of the part in the gripper
     layout : the cell
     q : reachable and free of contact for every hypothesis
-    seconds : (k,) what each costs
+    seconds : (k,) cost of each
     opening_mm : between the inner sides of the fingers, the same for all
-    rules : how well the hold is known and how much must differ; None for the defaults
+    rules : uncertainty of the grasp, and the minimum difference; None for the defaults
     """
     rules = rules or DisambiguationRules()
     pairs = tuple(combinations(range(len(hypotheses)), 2))

@@ -26,7 +26,7 @@ class DecidingView:
     Attributes
     ----------
     view : row of the configurations offered
-    light : how to light it
+    light : lighting
     margin : the least of the pairs it parts, 1 being just enough
     groups : the hypotheses that it leaves, one group per outcome; they may overlap
     then : per group the next view, None where the ambiguity is over or stays
@@ -80,7 +80,7 @@ class DisambiguationTree:
     first : None where no view tells any two apart
     worst_s : the dearest path through the tree
     indistinguishable : pairs that stay ambiguous
-    separations : what it was chosen by
+    separations : separations that it was chosen by
     """
 
     first: DecidingView | None
@@ -101,12 +101,12 @@ def separating_views(
 
     Parameters
     ----------
-    hypotheses : what the part in the gripper may be
+    hypotheses : hypotheses of the part in the gripper
     layout : the cell
     q : (k, 6) reachable configurations, free of contact whichever hypothesis it is
-    seconds : (k,) what each costs
-    opening_mm : of the arm gripper, the same for all
-    rules : how well the hold is known and how much must differ; None for the defaults
+    seconds : (k,) cost of each
+    opening_mm : opening of the arm gripper, the same for all
+    rules : uncertainty of the grasp, and the minimum difference; None for the defaults
     """
     rules = rules or DisambiguationRules()
     found = separations(hypotheses, layout, q, seconds, opening_mm, rules)
@@ -132,9 +132,9 @@ def cheapest_tree(
 
     Parameters
     ----------
-    candidate_count : how many; the pairs of ``found`` number them from 0
+    candidate_count : number of candidates; the pairs of ``found`` number them from 0
     found : which views tell which pairs apart
-    seconds : (k,) what each configuration costs [s]
+    seconds : (k,) cost of each configuration [s]
     """
     views = _worth_asking(found, seconds)
     pair_at = {pair: p for p, pair in enumerate(found.pairs)}

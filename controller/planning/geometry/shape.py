@@ -31,7 +31,7 @@ class PartShape:
 
     Attributes
     ----------
-    box : what bounds it, along the axes of the CAD frame
+    box : its bounding box along the axes of the CAD frame
     hull_mm : (h, 3) those of its points that can be its lowest one
     """
 

@@ -41,7 +41,7 @@ def clear_of_table(T_world_part: FloatArray, grasps: Sequence[Grasp], jaw: Jaw) 
 
     Parameters
     ----------
-    T_world_part : (4, 4) of the part on the table
+    T_world_part : (4, 4) pose of the part on the table
     grasps : at least one
     jaw : the gripper, with fingers and body
     """
@@ -66,7 +66,7 @@ def cover(
     ----------
     T : (n, 4, 4) T_part_tcp
     score : (n,) larger is surer
-    picks : (k, n) of each stable pose, which grasps take the part from the table
+    picks : (k, n) picks of each stable pose, which grasps take the part from the table
     count : at most so many in all; with no more than that to choose from, all are returned
     per_pose : at most so many for each stable pose
     """
@@ -140,7 +140,7 @@ def select_arm_grasps(
     ----------
     solid : the part
     poses : its stable poses
-    grasps : of the arm gripper, to choose from
+    grasps : grasps of the arm gripper, to choose from
     jaw : the arm gripper
     per_pose : at most so many for each stable pose
     others : at most so many from all round

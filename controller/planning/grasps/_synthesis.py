@@ -47,7 +47,7 @@ class GraspProblem:
 
     Attributes
     ----------
-    seeds : of `find_seeds`
+    seeds : seeds of `find_seeds`
     caster : rays against the part's mesh
     downs : (k, 3) unit, the way down in the CAD frame, of each stable pose
     clearance_mm : from the table, beside the usual margin

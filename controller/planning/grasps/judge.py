@@ -59,7 +59,7 @@ class Tally:
 
         Parameters
         ----------
-        name : of the stage; asked again, it adds up
+        name : name of the stage; asked again, it adds up
         values : (n,)
         limit : in the unit of the values
         unit : as it follows the number in a message, with its blank
@@ -89,7 +89,7 @@ class Judge:
     solid : the part
     caster : rays against its mesh
     jaw : the gripper
-    rules : what a grasp must keep
+    rules : requirements on a grasp
     gravities : unit vectors (3,) in the TCP frame, of a jaw that does not turn; None: of the arm's
     """
 
@@ -183,7 +183,7 @@ class Judge:
         inner : (n,) the pads are the fingers' backs
         grid : the rays they were closed with
         contact_mm2 : least contact of either pad
-        prefix : of the stages' names in the tally
+        prefix : prefix of the stages' names in the tally
         """
         rules, tally = self.rules, self.tally
         rows = np.flatnonzero(self.in_width(found, inner))
@@ -217,7 +217,7 @@ def closed(tried: Candidates, found: Contacts, rows: IntArray) -> Candidates:
     Parameters
     ----------
     tried : the candidates
-    found : what they touch, one for each
+    found : contacts, one set for each
     rows : numbers of those to return
     """
     return Candidates(found.T[rows], found.opening[rows], tried.inner[rows])

@@ -32,7 +32,7 @@ def wrong_poses(rules: GraspRules, down: FloatArray | None = None) -> FloatArray
 
     Parameters
     ----------
-    rules : how many poses, and how far off
+    rules : number of poses, and their offsets
     down : (3,) which way is down for a part that lies on a table: height and tilt are right then
     """
     ratio = 1.0

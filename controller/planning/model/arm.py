@@ -209,8 +209,8 @@ class ArmModel(Protocol):
         Parameters
         ----------
         q_from, q_to : (6,) ends of a joint line, on which it holds
-        far_mm, beside_mm : how far gripper and part reach from the wrist's centre, and from the
-            approach axis
+        far_mm, beside_mm : reach of gripper and part from the wrist's centre, and from the approach
+            axis
 
         Returns
         -------

@@ -18,13 +18,13 @@ class OutOfReachError(NoPlanError):
     ----------
     message : for people
     reach_mm : asked of the wrist
-    limit_mm : what the arm has
-    where : what for
+    limit_mm : reach of the arm
+    where : place or motion concerned
 
     Attributes
     ----------
-    reach_mm, limit_mm : what was asked of the wrist, and what the arm has
-    where : what for
+    reach_mm, limit_mm : reach required of the wrist, and that of the arm
+    where : place or motion concerned
     """
 
     def __init__(self, message: str, *, reach_mm: float, limit_mm: float, where: str) -> None:

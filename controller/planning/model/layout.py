@@ -135,7 +135,7 @@ class CellTimes:
     grasp_s, press_s : they close until they stall, width read back; they press on what they hold
     fixed_open_s, fixed_grasp_s, fixed_release_s : the same of the fixed gripper
     read_s : the joints are read back
-    ringing_s : how long the arm vibrates after it stops; no picture is taken before
+    ringing_s : time for which the arm vibrates after it stops; no picture is taken before
     picture_s : lamps, exposure after the change, download
     judge_s : from the pictures of a view to its result, where the cell waits for it
     verdict_s : from the last result to the verdict
@@ -200,7 +200,7 @@ class CellLayout:
     Attributes
     ----------
     arm : with the shapes of its links
-    column : what of the arm stands still, a box in the world
+    column : box in the world of the part of the arm that stands still
     T_world_fixed_tcp : pose of the fixed gripper's TCP frame
     obstacles : world boxes by name, the fixed gripper's post among them
     station_mm : (3,) where the part's centre of mass is shown to the `inspection` camera
@@ -213,7 +213,7 @@ class CellLayout:
         every margin to what stands in the cell is wider by `clearance_mm`
     fixed_held : mm and rad, by how much the fixed gripper may stand elsewhere along its pads and
         turned in their plane, where a calibration measured that plane alone
-    neighbours : what else is on the table now, beside the part that is planned for
+    neighbours : other objects on the table, beside the planned part
     stored : parts that stand in the trays now
     """
 

@@ -62,7 +62,7 @@ class Ambiguity:
     ----------
     hypotheses : the part that was planned for comes first
     light : the picture that tells
-    margin : how much more it differs than is needed, 1 is enough
+    margin : difference over the difference required; 1 is enough
     """
 
     hypotheses: tuple[HeldHypothesis, ...]
@@ -81,7 +81,7 @@ class Present(Step):
     direction_part : (3,) unit, from the centre of mass to the camera, in the part frame
     seen : (n,) bool, per sample
     square_to : id of the planar face or bore this view is square to, -1 if none
-    ambiguity : what this view is to tell apart before anything else is done, None as a rule
+    ambiguity : ambiguity that this view is to resolve before anything else is done; None as a rule
     """
 
     view_id: str
@@ -132,7 +132,7 @@ class SetDown(Step):
 
     Attributes
     ----------
-    pose_index : of the stable pose it is put down in
+    pose_index : index of the stable pose it is put down in
     T_world_part : (4, 4) where
     """
 
@@ -167,7 +167,7 @@ class Place(Step):
 
     Attributes
     ----------
-    tilt_rad : how far from flat the part is when it is let go; 0 where it is set down
+    tilt_rad : tilt of the part when it is released; 0 where it is set down
     """
 
     tray: str
@@ -228,7 +228,7 @@ class Proof:
 
     Attributes
     ----------
-    cost_s, bound_s : of this plan, and what no plan of the scope can undercut
+    cost_s, bound_s : cost and bound of this plan, and what no plan of the scope can undercut
     scope : the candidates among which that holds
     """
 
@@ -258,7 +258,8 @@ class Plan:
     forecast_s : all steps and the slowest tray
     covered_fraction : of the surface, in sight at least once
     covered_U : expanded uncertainty (k = 2) of that share, from how far apart its points are
-    reachable_fraction : what any grasp and any view of this cell could show, regrasps aside
+    reachable_fraction : share that any grasp and any view of this cell could inspect, regrasps
+        aside
     """
 
     steps: tuple[Step, ...]

@@ -15,7 +15,7 @@ class OnTable:
 
     Attributes
     ----------
-    pose_index : of the stable pose, -1 if it leans
+    pose_index : index of the stable pose, -1 if it leans
     T_world_part : (4, 4) as seen
     q : (6,) where the arm stands, None for its park position
     """
@@ -45,7 +45,7 @@ class InFixedGripper:
 
     Attributes
     ----------
-    grasp : of the fixed gripper, as measured
+    grasp : grasp of the fixed gripper, as measured
     q : (6,) where the empty arm stands
     """
 

@@ -34,7 +34,7 @@ def fewest_waypoints(layout: CellLayout, q: FloatArray, sag_mm: float = 1.5) -> 
     ----------
     layout : the cell
     q : (k, 6) joints along the path, dense; both ends are kept
-    sag_mm : how far the TCP may leave the line
+    sag_mm : largest distance of the TCP from the line
     """
     tip_mm = tcp_pose(layout, q)[:, :3, 3]
     kept = [0]

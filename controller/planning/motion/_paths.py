@@ -43,9 +43,9 @@ def connect(
     Parameters
     ----------
     q_from, q_to : (6,) rows of joints
-    scene : what the arm carries, and may not touch
+    scene : load on the arm, and the obstacles
     what : the path is for, as a message begins
-    seed : of the random trees
+    seed : seed of the random trees
     search : False: no trees, because the caller has another goal to try
 
     Raises

@@ -323,7 +323,7 @@ def _pairs(
 
     Parameters
     ----------
-    kept_from : what of the gripper each link is kept from
+    kept_from : boxes of the gripper checked against each link
     links : pairs of links that may touch each other
     moving, body : boxes in all, and those of the gripper's body, which come after the links
     """

@@ -56,7 +56,7 @@ def segment_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends)
 
     Parameters
     ----------
-    scene : what the arm carries, and may not touch
+    scene : load on the arm, and the obstacles
     q_from, q_to : (6,) rows of joints
     ends : of the whole path the move is part of; near them the margin is the thin one
     """
@@ -103,7 +103,7 @@ def segment_seems_free(
 
     Parameters
     ----------
-    scene : what the arm carries, and may not touch
+    scene : load on the arm, and the obstacles
     q_from, q_to : (6,) rows of joints
     ends : of the whole path the move is part of
     tube_mm : added to the margin away from the ends
@@ -126,7 +126,7 @@ def radii_mm(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    scene : what the arm carries
+    scene : load on the arm
     q_from, q_to : (6,) rows of joints, of one move
     """
     return scene.layout.arm.radii_mm(q_from, q_to, *scene.reach_mm())

@@ -57,7 +57,7 @@ def prove_sweep(
 
     Parameters
     ----------
-    scene : what the arm carries, and may not touch
+    scene : load on the arm, and the obstacles
     phases : in order
     margin_mm : to everything but the arm itself, which keeps `SELF_MARGIN_MM`
     """
@@ -77,7 +77,7 @@ class ProvenMove:
     Attributes
     ----------
     waypoints : (6,) from its beginning (left out) to its end; none if it is not proven
-    swept : what the proof has found
+    swept : findings of the proof
     """
 
     waypoints: tuple[FloatArray, ...]
@@ -94,7 +94,7 @@ def prove_move(
 
     Parameters
     ----------
-    scene : what the arm carries, and may not touch
+    scene : load on the arm, and the obstacles
     q_from, q_to : (6,) rows of joints
     margin_mm : to everything but the arm itself, which keeps `SELF_MARGIN_MM`
     """

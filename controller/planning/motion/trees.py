@@ -56,8 +56,8 @@ def rrt_connect(
     Parameters
     ----------
     start, goal : (6,) rows of joints
-    scene : what the arm carries, and may not touch
-    seed : of the samples; the same one gives the same path
+    scene : load on the arm, and the obstacles
+    seed : seed of the samples; the same one gives the same path
     """
     rng = np.random.default_rng(seed)
     layout = scene.layout
@@ -118,7 +118,7 @@ def shortened(
     Parameters
     ----------
     path : (6,) each, free all along, both ends included
-    scene : what the arm carries, and may not touch
+    scene : load on the arm, and the obstacles
     ends : of the whole path
     rng : where corners are cut
     """

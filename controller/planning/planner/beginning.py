@@ -38,12 +38,12 @@ class Beginning:
     Attributes
     ----------
     where : of the part, for messages
-    q : (6,) of the arm
+    q : (6,) joint values of the arm
     first_s : (g,) cost of having the part in each arm grasp [s], inf where it cannot be had
     take : adds to a build the steps that bring the part into an arm grasp, given by its number;
         raises `RefutedError` where that cannot be driven
-    pose_index : of the stable pose the part has, -1 in a gripper
-    look : what the overhead camera has shown already, None if that is nothing new
+    pose_index : index of the stable pose the part has, -1 in a gripper
+    look : information from the overhead camera so far; None if there is nothing new
     """
 
     where: str

@@ -47,7 +47,7 @@ class RefutedError(Exception):
 
     Parameters
     ----------
-    reason : why it cannot be driven
+    reason : reason why it cannot be driven
     regrasps : (from, to) grasps between which no motion was found
     views : (grasp, view) that cannot be taken
     firsts, lasts : grasps that cannot be had at the start, or be finished from
@@ -83,7 +83,7 @@ class Builder:
     ----------
     part : prepared
     layout : the cell
-    seed : of the random trees
+    seed : seed of the random trees
     """
 
     def __init__(self, part: PreparedPart, layout: CellLayout, seed: int) -> None:
@@ -114,8 +114,8 @@ class Builder:
         Parameters
         ----------
         build : steps so far; the pick is added, and the arm then stands where it ends
-        paths : of one grasp, the preferred one first; at least one
-        T_world_part : (4, 4) of the part on the table
+        paths : paths of one grasp, the preferred one first; at least one
+        T_world_part : (4, 4) pose of the part on the table
 
         Raises
         ------
@@ -161,7 +161,7 @@ class Builder:
         g : number of the arm's grasp
         take : the hand-off as it would be driven to give the part; it is driven backwards
         held : grasp of the fixed gripper
-        T_world_part : (4, 4) of the part while the fixed gripper holds it
+        T_world_part : (4, 4) pose of the part while the fixed gripper holds it
 
         Raises
         ------
@@ -203,7 +203,7 @@ class Builder:
         ----------
         build : steps so far; this one is added
         g : number of the arm's grasp
-        leave : how the part is handed off
+        leave : motion of the hand-off
         held : grasp of the fixed gripper
 
         Raises
@@ -243,8 +243,8 @@ class Builder:
         ----------
         build : steps so far; this one is added
         g : number of the arm's grasp
-        leave : how the part is set down
-        T_world_part : (4, 4) of the part on the table afterwards
+        leave : motion of setting the part down
+        T_world_part : (4, 4) pose of the part on the table afterwards
         pose_index : number of the stable pose it then has
 
         Raises

@@ -29,7 +29,7 @@ class Certificate:
     Attributes
     ----------
     plan : from the middle of the area parts may lie in, None where there is none
-    reason : why there is no plan, a sentence; "" where there is one
+    reason : reason why there is no plan, a sentence; "" where there is one
     pickable : share of places and turns over that area from which the part can be taken
     same_as : pose that a symmetry of the part makes this one, and whose plan this is; -1 for none
     """
@@ -60,7 +60,7 @@ def certify(
     part : prepared
     layout : the cell
     poses : all stable poses, those that roll among them: a part may start so
-    rng_seed : of the random trees; the same one gives the same plans
+    rng_seed : seed of the random trees; the same one gives the same plans
     """
     return tuple(_certificate(part, layout, pose, rng_seed) for pose in poses)
 

@@ -57,8 +57,8 @@ def dense_points(
     ----------
     solid : the part
     caster : rays against its mesh
-    rules : how the camera stands, and what it asks of a surface
-    direction_count : of the even sphere
+    rules : camera distance, and the limits on a surface's incidence
+    direction_count : number of directions of the even sphere
     """
     dense = counted_samples(solid, SPACING_MM, STREAM)
     vectors = candidate_directions(solid, direction_count).vectors
@@ -99,11 +99,11 @@ def into_wedges(
     Parameters
     ----------
     dense : of `dense_points`
-    table : of `look_out` for the samples; its first directions are those of `dense`
+    table : table of `look_out` for the samples; its first directions are those of `dense`
     solid : the part
     samples : n, that views are chosen by
     caster : rays against its mesh
-    rules : how the camera stands, and what it asks of a surface
+    rules : camera distance, and the limits on a surface's incidence
     """
     points, shown = dense.samples, dense.shown_count > 0
 
@@ -145,8 +145,8 @@ def make_counted(
     counted : m samples
     probes : by which blind spots are found
     caster : rays against its mesh
-    rules : how the camera stands, and what it asks of a surface
-    visibility_table : of the n samples
+    rules : camera distance, and the limits on a surface's incidence
+    visibility_table : visibility table of the n samples
     """
     # what shows most first: after a few directions little is left to be looked for
     order = np.argsort(-(visibility_table.visible @ chosen_by.areas_mm2), kind="stable")

@@ -32,7 +32,7 @@ class RegraspSite:
 
     Attributes
     ----------
-    fixed_grasp_index : of the fixed gripper, -1 on the table
+    fixed_grasp_index : index of the fixed gripper's grasp, -1 on the table
     rest : index of the place, -1 if none
     paths : arm grasp -> how it meets the site
     """
@@ -97,7 +97,7 @@ def first_seconds(
     part : prepared
     layout : the cell
     q : (6,) where the arm stands
-    picks : of each grasp that can, the paths to take the part; at least one
+    picks : picks of each grasp that can, the paths to take the part; at least one
     """
     seconds = np.full(len(part.arm_grasps), np.inf)
     for g, paths in picks.items():
@@ -139,7 +139,7 @@ def regrasp_seconds(part: PreparedPart, layout: CellLayout, site: RegraspSite) -
     ----------
     part : prepared
     layout : the cell
-    site : what holds the part in between: the fixed gripper, or the table
+    site : site that holds the part in between: the fixed gripper, or the table
     """
     count = len(part.arm_grasps)
     seconds = np.full((count, count), np.inf)
@@ -185,7 +185,7 @@ def make_edge_costs(
     ----------
     part : prepared
     layout : the cell
-    first_s : (g,) what having the part in each grasp costs [s], inf where it cannot be had
+    first_s : (g,) cost of having the part in each grasp [s], inf where that is impossible
     seen : (n,) samples that need not be shown again
     squared : ids of faces that need not be shown squarely again
     avoid : ids of grasps not to use

@@ -89,9 +89,9 @@ def plan_under_ambiguity(
     part : prepared for this cell: the hypothesis that is planned for
     layout : the cell
     start : where it lies, read as that part
-    others : what it may be beside the part
+    others : further hypotheses of the part
     seen, avoid : as `plan_from`
-    rng_seed : of the random trees; the same one gives the same plan
+    rng_seed : seed of the random trees; the same one gives the same plan
 
     Raises
     ------
@@ -144,10 +144,10 @@ def identify(
 
     Parameters
     ----------
-    ambiguity : of the view
+    ambiguity : ambiguity of the view
     layout : the cell
     q : (6,) where the arm stood
-    opening_mm : of the arm gripper
+    opening_mm : opening of the arm gripper
     backlit, lit : (h, w) pictures of the inspection camera, for
         `disambiguation.measured_picture`
     """

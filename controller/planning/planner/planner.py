@@ -62,12 +62,12 @@ def plan_part(
     Parameters
     ----------
     solid : the part
-    samples : of its surface
-    stable_pose : of the part on the table
+    samples : samples of its surface
+    stable_pose : stable pose of the part on the table
     T_world_part : (4, 4)
     layout : the cell
-    rng_seed : of the random trees; the same one gives the same plan
-    options : what is asked of a plan; None for the defaults
+    rng_seed : seed of the random trees; the same one gives the same plan
+    options : requirements on a plan; None for the defaults
     prepared : of `prepare_part` for the same solid, samples and layout; made here if None
 
     Raises
@@ -100,7 +100,7 @@ def plan_from(
     avoid : ids of grasps of either gripper that are not to be used
     short : grasps of the arm and faces of which too little could be compared from them: these faces
         are shown again, from other grasps
-    rng_seed : of the random trees; the same one gives the same plan
+    rng_seed : seed of the random trees; the same one gives the same plan
 
     Raises
     ------
@@ -249,9 +249,9 @@ class _SolutionBuilder:
 
     Parameters
     ----------
-    task : what the plan has to show
-    costs : of the task: what the numbers of a solution stand for
-    seed : of the random trees
+    task : samples and views the plan has to cover
+    costs : costs of the task: what the numbers of a solution stand for
+    seed : seed of the random trees
     """
 
     def __init__(self, task: _Task, costs: EdgeCosts, seed: int) -> None:
@@ -266,7 +266,7 @@ class _SolutionBuilder:
         ----------
         problem : that was solved
         solution : of it
-        second_count : how many views it has more than the search chose
+        second_count : number of views beyond those that the search chose
 
         Raises
         ------
@@ -369,8 +369,8 @@ def _scope(task: _Task, costs: EdgeCosts, second_count: int) -> str:
 
     Parameters
     ----------
-    task : what the plan has to show
-    costs : of the task
+    task : samples and views the plan has to cover
+    costs : costs of the task
     second_count : views more than the proof is about, for spots between the samples
     """
     part = task.part

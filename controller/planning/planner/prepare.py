@@ -61,9 +61,9 @@ def prepare_part(
     Parameters
     ----------
     solid : the part
-    samples : of `controller.cad.sample_surface`, by which views are chosen
+    samples : samples of `controller.cad.sample_surface`, by which views are chosen
     layout : the cell
-    options : what is asked of plans; None for the defaults
+    options : requirements on plans; None for the defaults
     counted : of `controller.cad.counted_samples`, by which coverage is counted and which plans
         speak of; None for `samples`
 

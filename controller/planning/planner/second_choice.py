@@ -32,9 +32,9 @@ class SecondChoice:
     ----------
     part : prepared
     layout : the cell
-    costs : of the task: what the numbers of a solution stand for
+    costs : costs of the task: what the numbers of a solution stand for
     before : (m,) points counted by that were inspected before
-    look : what the overhead camera shows, None if that is nothing new
+    look : information from the overhead camera; None if there is nothing new
     """
 
     def __init__(

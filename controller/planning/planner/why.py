@@ -114,7 +114,7 @@ def _counted(
     Parameters
     ----------
     part : prepared
-    classes : of the samples that views are chosen by
+    classes : classes of the samples that views are chosen by
     seen : (m,) points that the plan shows
     """
     counted = part.counted

@@ -37,7 +37,7 @@ def lift_mm(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) ->
     ----------
     part : prepared
     layout : the cell
-    T_world_part : (4, 4) of the part on the table [mm]
+    T_world_part : (4, 4) pose of the part on the table [mm]
     """
     own = PlacedShape(part.shape, T_world_part)
     low, _ = _bounds(own)
@@ -52,7 +52,7 @@ def what_covers(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray
     ----------
     part : prepared
     layout : the cell
-    T_world_part : (4, 4) of the part on the table [mm]
+    T_world_part : (4, 4) pose of the part on the table [mm]
     """
     own = PlacedShape(part.shape, T_world_part)
     near = [one for one in layout.neighbours if _gap_mm(own, one) <= 0.0]

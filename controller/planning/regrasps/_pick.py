@@ -47,7 +47,7 @@ def pick_paths(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray)
     ----------
     part : prepared
     layout : the cell
-    T_world_part : (4, 4) of the part on the table [mm]
+    T_world_part : (4, 4) pose of the part on the table [mm]
 
     Raises
     ------
@@ -66,7 +66,7 @@ def is_pickable(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray
     ----------
     part : prepared
     layout : the cell
-    T_world_part : (4, 4) of the part on the table [mm]
+    T_world_part : (4, 4) pose of the part on the table [mm]
     """
     try:
         return bool(_free_paths(part, layout, T_world_part))

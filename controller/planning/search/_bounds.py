@@ -36,7 +36,7 @@ class LowerBounds:
     ----------
     u : (k, m) costs
     sums : (k,) their sums
-    below : (k, n) what each grasp's views take off the sum, <= 0
+    below : (k, n) reduction of the sum by each grasp's views, <= 0
     """
 
     u: Float32Array
@@ -138,7 +138,7 @@ def raise_lower_bounds(
     sets : (s, w) grasps, padded with n
     u : (m,) costs to start from
     goals : (s,) a lower bound of so many units is enough
-    steps : how many at most
+    steps : largest number
 
     Returns
     -------

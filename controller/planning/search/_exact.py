@@ -66,10 +66,10 @@ def exact_cover(
     Parameters
     ----------
     rows : (v, m) which elements each row shows
-    costs_s : (v,) of each row
+    costs_s : (v,) costs of each row
     limit_s : only what is cheaper counts
     reduced_s : (v,) lower bound of every cover that has this row, to leave rows out
-    nodes : of branch and bound, at most
+    nodes : nodes of branch and bound, at most
     tree_nodes : so many of them in the own tree, which is quick with few
 
     Returns

@@ -89,8 +89,8 @@ class Solution:
     views : per entry of `grasps` the views to take, ascending
     cost_s : first, regrasps, views and last together
     bound_s : lower bound on what shows all of `needed` with the grasps allowed; inf = nothing does
-    covered : (m,) what the chosen views show
-    needed : (m,) what some view that can be had at all shows, without what is seen already
+    covered : (m,) samples covered by the chosen views
+    needed : (m,) samples that some available view covers, without those seen already
     covers_count : set cover problems solved exactly, a measure of work
     """
 
@@ -156,7 +156,7 @@ def cost_of(problem: Problem, grasps: Sequence[int], views: Sequence[Sequence[in
 
     Parameters
     ----------
-    problem : what everything costs
+    problem : costs of the problem
     grasps : numbers in order, at least one
     views : under each of them, numbers of views
     """
@@ -180,7 +180,7 @@ def solution_of(
 
     Parameters
     ----------
-    problem : what everything costs and shows
+    problem : costs and coverage of the problem
     grasps : numbers in order, at least one
     views : under each of them, numbers of views
     bound_s : lower bound on the cost of any plan, for the record

@@ -34,8 +34,8 @@ class Effort:
     ----------
     lower_bounds : sets of grasps whose lower bound may be raised
     covers : exact covers
-    nodes : of branch and bound within one cover
-    paths : of equal length kept at most
+    nodes : nodes of branch and bound within one cover
+    paths : paths of equal length kept at most
     """
 
     lower_bounds: int = 20_000
@@ -75,8 +75,8 @@ class Search:
 
     Parameters
     ----------
-    problem : what everything costs and shows
-    tables : of `make_tables` for that problem and ``max_grasps``
+    problem : costs and coverage of the problem
+    tables : tables of `make_tables` for that problem and ``max_grasps``
     max_grasps : at most so many in a row, transit included
     effort : where the search stops short
     """

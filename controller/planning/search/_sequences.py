@@ -34,7 +34,7 @@ def tails(problem: Problem, grasps: IndexArray, max_grasps: int) -> FloatArray:
 
     Parameters
     ----------
-    problem : what everything costs
+    problem : costs of the problem
     grasps : (n,) numbers of the grasps that may be used
     max_grasps : at most so many regrasps
     """
@@ -71,7 +71,8 @@ def longer(
     room_s : sequences that cost as much with their tail cannot be part of anything better
     known : shorter sequences; a longer one to the same set and last grasp must be cheaper
     most : so many are kept, the cheapest; `left_out_s` is what the others cost at least
-    covered : (n, m) what each grasp shows; where given, those that show most are kept instead
+    covered : (n, m) coverage of each grasp; where given, the grasps with the largest coverage are
+        kept instead
     """
     n, length = len(regrasp_s), sequences.grasps.shape[1]
     last = sequences.grasps[:, -1]

@@ -34,7 +34,7 @@ class Tables:
     view_ids : per grasp (v,) which views these are
     costs_s : per grasp (v,) cost [s]
     units : per grasp (v,) cost over the dearest view's, rounded down to 1/1024
-    covered : (n, m) what each grasp shows at all
+    covered : (n, m) coverage of each grasp by any view
     kinds : (n,) grasps of one kind have equal rows and costs
     least_s, dearest_s : cost of the cheapest and the dearest view [s]
     """
@@ -62,7 +62,7 @@ class Core:
 
     Attributes
     ----------
-    elements : (c,) of the tables' elements
+    elements : (c,) elements of the tables' elements
     rows : per grasp (v, c) 0/1
     units : per grasp (v,)
     """
@@ -174,7 +174,7 @@ def quick_cover(
     Parameters
     ----------
     rows : (v, m) 0/1, each element shown by some
-    costs_s : (v,) of each row
+    costs_s : (v,) costs of each row
     worth : (m,) > 0 what each element counts, None for all alike
 
     Raises

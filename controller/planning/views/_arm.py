@@ -102,7 +102,7 @@ def may_cover(
     layout : the cell, with camera and station
     T_box : (n, 4, 4) poses of the boxes' centres in the world
     half_mm : (n, 3) half of each edge
-    extent : (n, k) of the part, one row for each box; see `seen_extent`
+    extent : (n, k) extent of the part, one row for each box; see `seen_extent`
     """
     corners = _CORNERS * (half_mm + FINGER_SHADOW_MM)[:, None]
     points = np.einsum("nij,nkj->nki", T_box[:, :3, :3], corners) + T_box[:, None, :3, 3]
@@ -120,7 +120,7 @@ def standing_between(
     Parameters
     ----------
     layout : the cell, with its inspection camera
-    statics : what stands still, by name
+    statics : static obstacles by name
     cone : the lines from the camera to the part
     """
     eye = layout.inspection.position_mm
@@ -149,7 +149,7 @@ def hidden_by_boxes(
     ----------
     layout : the cell, with its inspection camera
     boxes : in the world
-    T_world_part : (4, 4) of the part
+    T_world_part : (4, 4) pose of the part
     points_mm : (n, 3) samples, CAD frame
     shown : (n,) which of them are asked about
     """

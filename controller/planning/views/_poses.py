@@ -26,11 +26,11 @@ class Showing:
 
     Attributes
     ----------
-    T_world_part : (v, r, 4, 4), of `view_poses`
+    T_world_part : (v, r, 4, 4), pose of `view_poses`
     inside : (v, r) bool, the whole part is in the picture
     partly : direction -> (r, n) samples in the picture, where no roll has the whole part in it
     cone : that holds all lines from the camera to the part
-    extent : (v, r, k) how far its samples reach in the picture each way, of `seen_extent`
+    extent : (v, r, k) extent of its samples in the picture each way, of `seen_extent`
     """
 
     T_world_part: FloatArray
@@ -115,7 +115,7 @@ def hold_up(
     Parameters
     ----------
     solid : the part
-    samples : of its surface
+    samples : samples of its surface
     layout : the cell, with inspection camera and station
     vectors : (v, 3) unit, from the part to the camera, CAD frame
     """

@@ -43,7 +43,7 @@ class Sighting:
     ----------
     camera : which looks
     sharp_mm : depths between which its picture is sharp
-    T_cam_part : (4, 4) of the part
+    T_cam_part : (4, 4) pose of the part
     boxes : that may hide some of it, in the camera's frame
     """
 

@@ -45,9 +45,9 @@ def hidden_by_gripper(
     samples : n, of its surface
     visible : (v, n) which are asked about
     vectors : (v, 3) unit, from the part to the camera, CAD frame
-    distance_mm : of the camera from the part's centre of mass
+    distance_mm : distance of the camera from the part's centre of mass
     T_part_tcp : (4, 4) T_part_tcp
-    boxes : of the gripper, in its TCP frame
+    boxes : boxes of the gripper, in its TCP frame
     """
     view, sample = np.nonzero(visible)
     hidden = np.zeros_like(visible)

@@ -30,9 +30,9 @@ class Fit:
     of_run : (r,) the first primitive of each run
     first, last : (k,) samples of the run they reach from and to, both included
     is_arc : (k,)
-    centre : (k, 2) of arcs, of lines the middle
-    radius : (k,) of arcs without sign, of lines 0
-    direction : (k, 2) of lines, along the run
+    centre : (k, 2) centre of arcs, of lines the middle
+    radius : (k,) radius of arcs without sign, of lines 0
+    direction : (k, 2) direction of lines, along the run
     """
 
     of_run: IntArray
@@ -117,7 +117,7 @@ def fit_runs(
     sums : of ``closed``
     closed : (n + 1, 2) points of a loop, the first one repeated at the end
     runs : (r, 2) first and last sample of each run, both included
-    limits : what a primitive, an arc and a stray point cost
+    limits : costs of a primitive, an arc and a stray point
     """
     cost, is_arc = _cost(sums, runs[:, 0], runs[:, 1], limits)
     # most runs are one line: what is as near to one primitive as points stray is not parted
@@ -149,8 +149,8 @@ def is_circle(sums: RunningSums, count: int, limits: BinaryTolerances) -> bool:
     Parameters
     ----------
     sums : of the loop's points, the first one repeated at the end
-    count : of those points
-    limits : how far points stray from a primitive
+    count : number of those points
+    limits : largest distance of points from a primitive
     """
     _, arc, _ = sums.residuals(np.zeros(1, dtype=np.int64), np.array([count - 1]))
     return float(arc[0]) < count * (STRAY * limits.line_noise_mm) ** 2

@@ -33,9 +33,9 @@ class Size:
     Attributes
     ----------
     area_mm2 : holes taken out
-    perimeter_mm : of the outline
-    hole_count : how many holes
-    hole_area_mm2 : (h,) of each, largest first
+    perimeter_mm : perimeter of the outline
+    hole_count : number of holes
+    hole_area_mm2 : (h,) area of each hole, largest first
     """
 
     area_mm2: float

@@ -20,7 +20,7 @@ def without_slits(
     loops : each (n, 2), either way round, the first point not repeated; of fewer than three points
         are left out
     is_hole : of each loop
-    width_mm : of the widest slit to go, in the unit of the loops
+    width_mm : width of the widest slit to go, in the unit of the loops
     """
     body: BaseGeometry = shapely.Polygon()
     for points, hole in sorted(zip(loops, is_hole, strict=True), key=lambda pair: pair[1]):

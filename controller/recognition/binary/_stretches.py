@@ -218,7 +218,7 @@ def observed_stretches(
     loops_mm : (n, 2) each, the part to the left
     own : (n,) of each loop, where it is the part's own
     wanted : (n,) of each loop, of which a stretch must have half its points
-    length_mm : of a stretch
+    length_mm : length of a stretch
     step_mm : between anchors
     """
     shapes = [np.zeros((0, 2 * POINTS), np.float32)]
@@ -257,7 +257,7 @@ def like(observed: Stretches, views: Leaves, near_mm: float, most: int) -> tuple
     Parameters
     ----------
     observed : in the order of their loops
-    views : of a library
+    views : views of a library
     near_mm : root mean square distance of points up to which they are
     most : so many pairs, the most alike
     """

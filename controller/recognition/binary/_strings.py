@@ -49,8 +49,8 @@ class BoundaryString:
     start_mm, end_mm : (k, 2) ends of the fitted primitive; the lens rounds what lies between two
     along_mm : (k,) where it begins, along its loop from the loop's start
     length_mm : (k,)
-    radius_mm : (k,) of arcs, positive where they turn left; 0 for lines
-    centre_mm : (k, 2) of arcs; for lines the middle
+    radius_mm : (k,) radius of arcs, positive where they turn left; 0 for lines
+    centre_mm : (k, 2) centre of arcs; for lines the middle
     turn_rad : (k,) turned through inside it
     joint_rad : (k,) turn from its end to the start of the next one of its loop
     corner_along_mm, corner_turn_rad : (c,) of the outline: where its corners are and how far it
@@ -60,9 +60,9 @@ class BoundaryString:
     hole_area_mm2 : (h,)
     outline_mm : (256, 2) the outline at equal steps
     hole_outline_mm : (h, 32, 2) each hole at equal steps
-    perimeter_mm : of the outline
-    area_mm2 : of the object, holes taken out
-    centroid_mm : (2,) of the filled outline
+    perimeter_mm : perimeter of the outline
+    area_mm2 : area of the object, holes taken out
+    centroid_mm : (2,) centroid of the filled outline
     """
 
     loop: NDArray[np.int16]

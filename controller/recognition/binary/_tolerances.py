@@ -21,11 +21,12 @@ class BinaryTolerances:
     corner_sharpness : share of its turn a corner keeps at half the box-car's length; a sharp one
         keeps all, an arc half
     trim_mm : points this near to a corner are not fitted: the lens rounds it so far
-    line_noise_mm : how far points stray from a primitive; noise and what perspective leaves
+    line_noise_mm : largest distance of points from a primitive; from noise and the rest of
+        perspective
     slit_turn_rad : a corner that turns further is the end of a slit or of a sliver
     slit_mm : slits and slivers of a model narrower than this are taken away: about a pixel wide,
         they do not show in a picture, and would add twice their length to the perimeter
-    primitive_cost : what one more primitive has to gain, in squared noises summed over points
+    primitive_cost : gain that one more primitive must bring, in squared noises summed over points
     arc_cost : the same for the bend of an arc, which a straight line has not
     corner_near_mm, corner_near_share : corners at this distance from the reference along the
         perimeter, plus this share of that distance, are compared: perspective leaves 1 to 3 %

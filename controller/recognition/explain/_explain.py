@@ -36,7 +36,7 @@ def explain(
 
     Parameters
     ----------
-    picture, camera, library : what it was given
+    picture, camera, library : inputs of the recognition
     seen : its answer
     title : written on the picture
 

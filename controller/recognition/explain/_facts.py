@@ -80,18 +80,18 @@ class ObjectFacts:
     Attributes
     ----------
     number : from 1
-    sighting, trace : what was answered, and how it came about
-    chain : of the mask's outline, in pixels of the region's box; None for a mask too small
+    sighting, trace : answer, and the trace of how it was found
+    chain : chain of the mask's outline, in pixels of the region's box; None for a mask too small
     curvature : (n,) its filtered curvature code
-    corners : of that, as in the paper's Table 2
+    corners : corners of that, as in the paper's Table 2
     string : primitives of the sub-pixel outline and holes, table plane [mm]
     features : grey lines, corners and circles, where there is no light table; box pixels
     candidates : the best of the silhouette, symmetric ones once
-    matches : of each, how its boundary string correlates with the object's
+    matches : matches of each, how its boundary string correlates with the object's
     chosen : which hypothesis was taken, -1 for none
     shown : the one that was taken, or that came nearest; -1 if none was fitted
-    scores : (h,) of each hypothesis alone: how likely its evidence makes it
-    edges : what became of the predicted edges of the shown one
+    scores : (h,) scores of each hypothesis alone: how likely its evidence makes it
+    edges : results of the predicted edges of the shown one
     others : the best hypotheses besides the shown one: fitted ones, then silhouettes
     like_size : views of the library whose area is that of the object, within tolerance
     """

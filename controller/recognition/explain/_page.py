@@ -79,7 +79,7 @@ def draw_page(
     library : by which it was recognised; gives the parts' names
     seen : the result
     facts : `object_facts` of it
-    title : of the page
+    title : title of the page
     """
     names = tuple(entry.name for entry in library.entries)
     main = _overview(picture, camera, facts)
@@ -123,7 +123,7 @@ def _enlarged(height: int, aspect: float) -> tuple[int, int]:
 
     Parameters
     ----------
-    aspect : how much wider than high a pixel is
+    aspect : width of a pixel over its height
     """
     wanted = SHOWN_PX / height
     # of sizes about right, the one that draws pixels as they are on the table

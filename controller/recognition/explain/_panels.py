@@ -47,7 +47,7 @@ def window(picture: Grey, camera: Camera, facts: ObjectFacts, side: int) -> Shee
     ----------
     picture : (h, w) the whole one
     camera : that took it; gives the shape of a pixel
-    facts : of the object
+    facts : facts of the object
     side : of the canvas, in its pixels
     """
     low, high = np.array(facts.trace.region.box_px, dtype=np.float64).reshape(2, 2)
@@ -87,8 +87,8 @@ def draw_contour(sheet: Sheet, facts: ObjectFacts, width: int = 1) -> None:
     Parameters
     ----------
     sheet : over the object
-    facts : of the object
-    width : of the lines, in pixels of the canvas
+    facts : facts of the object
+    width : width of the lines, in pixels of the canvas
     """
     for loop in facts.trace.region.loops_px:
         sheet.line(loop, YELLOW, width, is_closed=True)
@@ -100,7 +100,7 @@ def draw_outline(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
     Parameters
     ----------
     sheet : over the object
-    facts : of the object; without a chain or a boundary string these are left out
+    facts : facts of the object; without a chain or a boundary string these are left out
     camera : takes the table plane to the picture
     """
     draw_contour(sheet, facts)
@@ -150,7 +150,7 @@ def draw_grey(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
     Parameters
     ----------
     sheet : over the object
-    facts : of the object
+    facts : facts of the object
     camera : takes the table plane to the picture
     """
     g = facts.features
@@ -211,9 +211,9 @@ def draw_pose(sheet: Sheet, facts: ObjectFacts, camera: Camera, width: int = 2) 
     Parameters
     ----------
     sheet : over the object
-    facts : of the object; ``edges`` is what became of the predicted ones
+    facts : facts of the object; ``edges`` is what became of the predicted ones
     camera : takes the table plane to the picture
-    width : of what was found, in pixels of the canvas; what is missed is drawn wider by 1
+    width : width of what was found, in pixels of the canvas; what is missed is drawn wider by 1
     """
     for state in facts.edges:
         begin, end = _pieces(state.edges, camera)
@@ -248,7 +248,7 @@ def draw_place(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
     Parameters
     ----------
     sheet : over the object
-    facts : of the object
+    facts : facts of the object
     camera : takes the table plane to the picture
     """
     s = facts.sighting
@@ -277,7 +277,7 @@ def draw_others(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
     Parameters
     ----------
     sheet : over the object
-    facts : of the object; of ``others`` the best few are drawn
+    facts : facts of the object; of ``others`` the best few are drawn
     camera : that took the picture
     """
     draw_contour(sheet, facts)

@@ -21,9 +21,9 @@ class StageTable:
 
     Attributes
     ----------
-    title : what it is of
+    title : name of its subject
     columns : headings, units in brackets
-    decimals : of each column's numbers
+    decimals : decimals of each column's numbers
     rows : plain values; None where there is nothing to say
     """
 

@@ -50,7 +50,7 @@ class Sheet:
     Attributes
     ----------
     canvas : (h, w, 3) drawn on
-    origin_px : (2,) of the picture's pixel that lies at the canvas' corner
+    origin_px : (2,) origin of the picture's pixel that lies at the canvas' corner
     scale : (2,) canvas pixels to a picture's pixel, x before y
     """
 
@@ -97,7 +97,7 @@ class Sheet:
 
         Parameters
         ----------
-        pixel : (2,) of the picture, x before y
+        pixel : (2,) pixel of the picture, x before y
         colour : blue, green, red
         radius : in pixels of the canvas
         is_filled : False for the circle
@@ -113,7 +113,7 @@ class Sheet:
 
         Parameters
         ----------
-        pixel : (2,) of the picture, x before y
+        pixel : (2,) pixel of the picture, x before y
         colour : blue, green, red
         radius : half a side, in pixels of the canvas
         """
@@ -131,8 +131,8 @@ class Sheet:
         Parameters
         ----------
         text : one line
-        pixel : (2,) of the picture, x before y
-        colour : of the letters: blue, green, red
+        pixel : (2,) pixel of the picture, x before y
+        colour : colour of the letters: blue, green, red
         shift : (x, y) from the pixel to the upper left corner of the ground, in pixels of the
             canvas
         """
@@ -179,7 +179,7 @@ def write(
     text : one line; `plain` replaces what the font has not
     at : (x, y) of the lower left corner
     colour : blue, green, red
-    size : of the letters, as OpenCV scales its font
+    size : size of the letters, as OpenCV scales its font
     """
     cv2.putText(canvas, plain(text), at, FONT, size, colour, 1, cv2.LINE_AA)
 
@@ -192,7 +192,7 @@ def tag(canvas: Picture, text: str, at: tuple[int, int], colour: Colour) -> None
     canvas : (h, w, 3) drawn on
     text : one line
     at : (x, y) of the upper left corner of the ground, before it is moved
-    colour : of the letters: blue, green, red
+    colour : colour of the letters: blue, green, red
     """
     height, width = canvas.shape[:2]
     long = text_width(plain(text)) + 8

@@ -149,7 +149,7 @@ def outline_evidence(fit: EdgeFit, outline: OutlineMeasure, mm_per_px: float) ->
 
     Parameters
     ----------
-    fit : of the outline's predicted edges alone
+    fit : fit of the outline's predicted edges alone
     outline : observed
     mm_per_px : at the object
     """
@@ -324,9 +324,9 @@ def _found(off: FloatArray, on: BoolArray, weight: FloatArray) -> tuple[float, f
 
     Parameters
     ----------
-    off : (n,) how far from each predicted edge the nearest one is [px]
+    off : (n,) distance from each predicted edge to the nearest one found [px]
     on : (n,) which are of the outline
-    weight : (n,) how surely they show
+    weight : (n,) certainty with which they are visible
     """
     near = off < NEAR_PX
     misfit_px = float(np.sqrt(_weighted(off[on] ** 2, weight[on]))) if on.any() else FAR_PX

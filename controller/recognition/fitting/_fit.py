@@ -62,10 +62,10 @@ class FitOptions:
     ----------
     reach_px : one round for each: how far from the prediction an edge is looked for
     steps : Gauss-Newton steps in each round
-    prior : what may move, and by how much
-    noise : how far off an edge may be when it is weighed against the prior, as a share of what
-        Huber's weights take for much. On a table edges err by whole pixels together, by a wall's
-        dark foot or by light that leaks; before a backlight panel they do not
+    prior : free parameters, and their prior standard deviations
+    noise : error of an edge when it is weighed against the prior, as a share of the scale of
+        Huber's weights. On a table edges err by whole pixels together, through the dark foot of a
+        wall or stray light; before a backlight panel they do not
     most : edge samples looked at
     """
 
@@ -85,7 +85,7 @@ class EdgeFit:
     T_world_part : (4, 4)
     edges : the visible edges predicted at that pose; of a measure that does not see inside the
         outline, that alone
-    gaps : what the picture shows beside them
+    gaps : further edges of the picture beside them
     sigma_px : robust standard deviation of the gaps
     covariance : (3, 3) of x [mm], y [mm] and the turn about z [rad] of the centre of mass, where
         nothing else is to be known
@@ -113,9 +113,9 @@ def fit_edges(
     model : edges of the part
     T_world_part : (4, 4) where to begin; within about ``reach_px`` of the truth
     camera : calibrated, in the world's frame
-    measure : how edges are found in the picture
-    options : how far and how often, and what may move; None for a part that lies level
-    first : what `first_edges` gives where it begins, if that is known
+    measure : edge finder
+    options : range and number of steps, and the free parameters; None for a part that lies level
+    first : result of `first_edges` at the start, if it is known
 
     Returns
     -------
@@ -192,11 +192,11 @@ def _descend(
     Parameters
     ----------
     edges, jacobian : predicted, and how they move with the part (n, 6)
-    pivot : (3,) what rotations leave where it is
-    done : (6,) how far the part is from where the prior has it
+    pivot : (3,) fixed point of the rotations
+    done : (6,) offset of the part from its prior
     camera, measure : where edges are found
-    reach_px : how far they are looked for in the first step
-    options : how many steps, and what may move
+    reach_px : range of the search in the first step
+    options : number of steps, and the free parameters
     """
     total = np.zeros(6)
     prior = np.array([*options.prior.shift_mm, *options.prior.rotation_rad])

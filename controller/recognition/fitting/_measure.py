@@ -38,8 +38,8 @@ class Gaps:
 
     Attributes
     ----------
-    gap_px : (n,) how far along the predicted normal the edge is, NaN where none was found
-    weight : (n,) how much each counts, 0..1
+    gap_px : (n,) distance of the edge along the predicted normal, NaN where none was found
+    weight : (n,) weight of each, 0..1
     """
 
     gap_px: FloatArray
@@ -67,7 +67,7 @@ class Measure(Protocol):
         normals : (n, 2) unit, by now, square to the edge
         edges : as they were predicted: n samples, with which of them are of the outline and which
             side is brighter
-        reach_px : how far along the normal is looked, to both sides
+        reach_px : range of the search along the normal, to both sides
         """
         ...
 
@@ -127,7 +127,8 @@ class OutlineMeasure:
 
         Parameters
         ----------
-        pixels, normals : (n, 2) of the predicted points by now; normals away from the part
+        pixels, normals : (n, 2) pixels and normals of the predicted points by now; normals away
+            from the part
         edges : not asked: all of it is outline
         reach_px : beyond which nothing is found
         """
@@ -152,7 +153,7 @@ class GreyMeasure:
     Parameters
     ----------
     crop : (h, w) grey
-    corner_px : (x0, y0) of the crop in the picture
+    corner_px : (x0, y0) corner of the crop in the picture
     is_lit : under lamps, where what faces the camera is brighter than what does not
     others : (h, w) of the same scene, each under one lamp
 
@@ -190,7 +191,8 @@ class GreyMeasure:
 
         Parameters
         ----------
-        pixels, normals : (n, 2) of the predicted points by now, in the whole picture
+        pixels, normals : (n, 2) pixels and normals of the predicted points by now, in the whole
+            picture
         edges : as they were predicted; under lamps, which side is brighter decides between two
         reach_px : about which edges count less and less; with a short one, no edge is taken by two
             points
@@ -214,8 +216,8 @@ class GreyMeasure:
         Parameters
         ----------
         edges : as they were predicted
-        reach_px : how far along the normal is looked, to both sides
-        aside_px : how far beside the predictions is looked too
+        reach_px : range of the search along the normal, to both sides
+        aside_px : distance beside the predictions that is searched too
 
         Returns
         -------
@@ -267,7 +269,7 @@ class GreyMeasure:
         slope : (k, n) profiles
         steps : (k,) where their rows are, about 0
         edges, reach_px : as `gaps`
-        noise : of the picture
+        noise : noise of the picture
         """
         size = np.abs(slope)
         nearness = np.exp(-0.5 * (steps / max(reach_px, 1.0)) ** 2).astype(np.float32)

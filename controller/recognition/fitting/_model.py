@@ -44,7 +44,7 @@ class EdgeModel:
 
     Attributes
     ----------
-    shape : what it is made from
+    shape : shape it is made from
     centroid_mm : (3,) centre of mass
     caster : rays against the mesh
     normals : (t, 3) unit normals of the triangles
@@ -56,7 +56,7 @@ class EdgeModel:
     is_crease : (e,) part of a CAD edge at which two surfaces meet at an angle
     bend : (e,) |n1 - n2| of the two surfaces of a crease, else 0
     sides : (e, 2) the two triangles beside it
-    middle_mm : (e, 3) of each mesh edge
+    middle_mm : (e, 3) middle of each mesh edge
     seen_by : (3, e) squared lengths of ``along_mm`` and ``middle_mm``, and their product
     """
 

@@ -41,7 +41,7 @@ class EdgePoints:
     on_outline : (n,) beside it the table is seen
     lift : (n,) by how much the far side along ``normals`` should be brighter than the near one
         under light from the camera's side: difference of cosines, the table's left out
-    jump_mm : (n,) how much farther from the eye one side is than the other; 0 on the outline
+    jump_mm : (n,) depth of one side less that of the other; 0 on the outline
     step_mm : between samples along the edges, square to the sight line
     edge : (n,) which of the model's edges; empty where it is not known
     """

@@ -28,9 +28,9 @@ class Shading:
     Attributes
     ----------
     explained : share of the variance, 0..1; 0 where there is none to explain
-    variance : of the grey levels looked at
+    variance : variance of the grey levels looked at
     residual : variance that is left
-    area_px : of the region that was looked at
+    area_px : area of the region that was looked at
     """
 
     explained: float
@@ -67,7 +67,7 @@ def shading_fits(
     T_world_part : (4, 4) the pose asked about
     camera : calibrated, in the world's frame
     crops : (h, w) grey, each under other lamps
-    corner_px : (x0, y0) of the crops' first pixel in the picture
+    corner_px : (x0, y0) corner of the crops' first pixel in the picture
     inside : (h, w) the pixels to explain: the part without its blurred rim
     """
     v, u = np.nonzero(inside)

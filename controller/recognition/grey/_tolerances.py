@@ -18,11 +18,12 @@ class GreyTolerances:
         body throws where it touches the table has some 5 %
     fine_mm : a pixel at most about this large is asked for: a picture of larger ones is enlarged,
         since cells of 16 px would be larger than a part's holes
-    blur_px : of a Gaussian before Sobel
+    blur_px : blur of a Gaussian before Sobel
     cell_px : side of a Hough cell: an arc of 10 px radius still shows as lines in it, and a line
         across it has points enough for 2 deg
     cell_points : edge points a line of a cell has at least
-    vote_rad : how far a gradient may be off its line's normal, noise and blur of crossing edges
+    vote_rad : largest angle between a gradient and its line's normal; noise and the blur of
+        crossing edges cause it
     band_px : edge points this near to a line are its own: blur and noise move them by 0.1..0.3
     straight_px : root mean square distance of a line's points; more, and it is an arc
     join_px : gap between two pieces of a line: a cell it crosses at a corner has few points
@@ -44,7 +45,7 @@ class GreyTolerances:
         on 30 mm
     match_mm, match_rad : the same for a fitted one: walls that the view at the table's centre
         does not show, and doubled lines, move edges by that much
-    smooth_weight : what a smooth join counts beside an edge: it is seen under some lamps only
+    smooth_weight : weight of a smooth join beside an edge: it is visible under some lamps only
     """
 
     noise_factor: float = 5.0

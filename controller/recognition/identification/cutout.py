@@ -21,8 +21,8 @@ class ObjectCutout:
     Parameters
     ----------
     region : as it was cut out
-    pictures : of the scene; a backlit one last, after those under lamps. Of several without a
-        backlit one the first is the brightest of the others, which are judged together
+    pictures : pictures of the scene; a backlit one last, after those under lamps. Of several
+        without a backlit one the first is the brightest of the others, which are judged together
     mm_per_px : at the object
     outlines : the loops [px] of each outline that it may have; the region's own first
     is_backlit : its outline is known whole

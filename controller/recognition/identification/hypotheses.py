@@ -70,13 +70,13 @@ class SearchLimits:
     max_fine : of the others, the best ones, if none fits perfectly
     coarse_samples : edge samples of a coarse fit: enough to tell a turn that is off
     fine_samples, fine_outline : of a full one; of one to an outline
-    first_reach_mm : how far off a candidate may lie: its place comes from a centroid
-    after_outline_mm : how far off under lamps once the outline seen has been fitted
+    first_reach_mm : largest offset of a candidate: its position comes from a centroid
+    after_outline_mm : largest offset under lamps once the visible outline has been fitted
     slack_mm : less than this, by which a tall part's place may be off, is in that reach already
     coarse_share : of the best one's coarse score that others need for a full fit
     overlap_gap : of silhouettes, by which a candidate may fall short of one that fits perfectly
     perfect, perfect_px : probability from which, and misfit up to which a fit is perfect
-    shift_mm : how far round a coarse fit under lamps the edges are tried again; 0 for not at all
+    shift_mm : offset round a coarse fit under lamps at which edges are tried again; 0 for none
     tilt_rad : standard deviation of the table's tilt, and of what a chip under a part makes
     rocking_rad, rocking_lit_rad : of a part that rests on a curve, which friction holds beside
         its lowest place; under lamps
@@ -115,11 +115,11 @@ class Hypothesis:
     ----------
     part, pose : indices
     theta_rad : turn about z from the pose's ``R``
-    place_mm : (2,) of the centre of mass
+    place_mm : (2,) place of the centre of mass
     fit, evidence : its pose, and the evidence for it
     probability : that it is right, by itself
     log_odds : up to a constant, to compare it with other hypotheses about the same object
-    overlap : of the silhouettes it was found by, or score of the lines
+    overlap : overlap of the silhouettes it was found by, or score of the lines
     source : "outline" or "lines": what proposed it
     """
 
@@ -151,7 +151,7 @@ def weigh(
     cutout : the object
     camera : calibrated, in the world's frame
     library : whose parts and stable poses the candidates count
-    limits : how much is tried
+    limits : limits of the search
     source : "outline" or "lines": what proposed them, for the record
     """
     fine: list[Hypothesis] = []
@@ -224,7 +224,7 @@ def look_inside(
     cutout : the object
     camera : calibrated, in the world's frame
     library : whose parts and stable poses the hypotheses count
-    limits : how much is tried
+    limits : limits of the search
     """
     open_ones = [h for h in fine if h.log_odds > fine[0].log_odds - OUTLINE_DECIDES]
     if len(open_ones) < 2:
@@ -292,7 +292,7 @@ def is_tried(
     Parameters
     ----------
     candidate : a view, fitted or not
-    hypotheses : of the same object, fitted or not
+    hypotheses : hypotheses of the same object, fitted or not
     library : knows which turns leave a pose as it is
     """
     return any(is_same_reading(h, candidate, library) for h in hypotheses)
@@ -503,8 +503,8 @@ def judged_within(
 
     Parameters
     ----------
-    hypotheses : of the thing; their fits stay as they are
-    cutout : of the same pictures, of which it says what belongs to the thing
+    hypotheses : hypotheses of the thing; their fits stay as they are
+    cutout : cutout of the same pictures, of which it says what belongs to the thing
     camera : calibrated, in the world's frame
     library : whose parts the hypotheses count
     """
@@ -524,7 +524,7 @@ def alone_in(
     ----------
     h : under lamps, judged by the thing alone
     about : strong edges round the thing
-    cutout : of the thing
+    cutout : cutout of the thing
     camera : calibrated, in the world's frame
     library : whose parts the hypothesis counts
     """

@@ -21,9 +21,9 @@ def by_lines(
     Parameters
     ----------
     crop : (h, w) grey
-    corner_px : (x0, y0) of the crop in the picture
+    corner_px : (x0, y0) corner of the crop in the picture
     camera : overhead, calibrated
-    library : of the parts that may be there
+    library : library of the possible parts
     most : of proposals
     """
     corner = np.array(corner_px, dtype=np.float64)
@@ -51,11 +51,11 @@ def by_sweep(
     Parameters
     ----------
     crops : (h, w) grey, of several lamps: the brightest of all first, then each lamp's
-    corner_px : (x0, y0) of the crops in the picture
-    thing : (h, w) what was cut out, or a piece of it
+    corner_px : (x0, y0) corner of the crops in the picture
+    thing : (h, w) mask of a region, or of a piece of it
     free : (h, w) where no other thing is
     camera : overhead, calibrated
-    library : of the parts that may be there
+    library : library of the possible parts
     most : of proposals
     """
     corner = np.array(corner_px, dtype=np.float64)

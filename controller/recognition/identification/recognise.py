@@ -57,7 +57,7 @@ class RecognitionLimits:
     Attributes
     ----------
     min_area_mm2 : smaller things are chips and dust, not parts
-    search : how much is tried
+    search : limits of the search
     """
 
     min_area_mm2: float = 60.0
@@ -81,13 +81,13 @@ def recognise(
     ----------
     picture : (height, width) grey
     camera : overhead, calibrated
-    library : of the parts that may lie there, made for this camera
+    library : library of the possible parts, made for this camera
     lighting : a light table, lamps above a matt one, or "auto" to tell from the picture
     usable : (height, width) where parts may lie (the backlit area); elsewhere nothing is seen
     lit : pictures of the same scene under other lamps. Before a light table they decide what
         silhouettes cannot, parts that lie on others among it; under lamps all pictures are judged
         as one
-    limits : how much is tried and how much has to agree; None for the defaults
+    limits : limits of the search and tolerances on agreement; None for the defaults
 
     Raises
     ------
@@ -291,9 +291,9 @@ def _looked_wider(
 
     Parameters
     ----------
-    every : what was cut out, each by itself
+    every : regions cut out, each by itself
     pictures : under several lamps, the brightest of all first
-    camera, library, usable, limits : of `recognise`
+    camera, library, usable, limits : camera, library, usable and limits of `recognise`
     """
     left, found = dict(enumerate(every)), []
     known = [region for region, answers in every if answers[0][0].part is not None]
@@ -363,7 +363,7 @@ def _by_edges_about(
     ----------
     near : the pieces, and what was tried on them
     known : the picture's things that are known
-    pictures, camera, library, limits : of `recognise`
+    pictures, camera, library, limits : pictures, camera, library and limits of `recognise`
     """
     region = joined([region for region, _ in near])
     x0, y0, x1, y1 = region.box_px

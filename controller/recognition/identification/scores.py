@@ -31,9 +31,9 @@ class Weights:
 
     Attributes
     ----------
-    bias : what is added to all of it
+    bias : offset added to all of it
     outline, explained, inner, misfit, sigma, shading : of these
-    length : of the logarithm of how many pixels of the picture's edges there were to explain
+    length : length of the logarithm of how many pixels of the picture's edges there were to explain
     """
 
     bias: float

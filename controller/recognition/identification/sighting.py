@@ -41,9 +41,9 @@ class Sighting:
     sigma_mm, sigma_rad : standard deviations of the place (the larger of x and y) and of the turn
     covariance : (3, 3) of x [mm], y [mm], theta [rad], None if unknown
     ambiguous_with : hypotheses the pictures cannot tell from this one
-    area_mm2, box_px : of the object in the picture (x0, y0, x1, y1)
+    area_mm2, box_px : area and box of the object in the picture (x0, y0, x1, y1)
     residual_px : robust standard deviation of the edges from their predictions
-    reason : why it is unknown
+    reason : reason why it is unknown
     free_share : share of its outline by which it was recognised; the rest other objects cover, or
         it lies outside the picture or the backlit area. Parts of one backlit cluster lie beside
         each other on the table, none on another
@@ -81,7 +81,7 @@ class Sighting:
 
         Parameters
         ----------
-        name : of the part that is hoped for
+        name : name of the part that is expected
         library : that it was recognised by
         """
         own = next((a for a in self.ambiguous_with if a.part == name), None)
@@ -122,9 +122,9 @@ class Trace:
 
     Attributes
     ----------
-    region : what was cut out
-    candidates : what its silhouette may be, best overlap first
-    hypotheses : what was fitted, best first
+    region : region cut out
+    candidates : candidates by silhouette, best overlap first
+    hypotheses : fitted hypotheses, best first
     """
 
     region: Region
@@ -140,7 +140,7 @@ class Recognition:
     ----------
     sightings : largest object first
     traces : one for each sighting
-    segmentation : how the picture was cut up, with remarks for the operator
+    segmentation : segmentation of the picture, with remarks for the operator
     """
 
     sightings: tuple[Sighting, ...]

@@ -33,9 +33,9 @@ class PartialSighting:
     Attributes
     ----------
     region : its share of the cluster; its loops are the cluster's
-    decision : what it is
-    hypotheses : what it may be, best first; none for what is left
-    free_share : of the best one's outline
+    decision : decision on it
+    hypotheses : hypotheses, best first; none for what is left
+    free_share : free share of the best one's outline
     lies_on : numbers of the parts of this cluster that it lies on
     is_covered : something lies on it
     """
@@ -62,12 +62,12 @@ def parts_of(
     Parameters
     ----------
     region : the cluster
-    pictures : of the scene, the backlit one last
+    pictures : pictures of the scene, the backlit one last
     camera : overhead, calibrated
-    library : of the parts that may be there
+    library : library of the possible parts
     usable : (height, width) where parts may lie; None for everywhere
     least_px : of the picture's pixels, below which what is left is no object
-    limits : how much is tried
+    limits : limits of the search
     """
     cluster = Cluster(region, camera, usable)
     explained = explain_cluster(cluster, library)

@@ -50,13 +50,13 @@ def look_wider(
 
     Parameters
     ----------
-    region : what was cut out
+    region : region cut out
     others : the picture's other things that are known
     before : hypotheses about it that did not convince
-    pictures : of the scene under several lamps, the brightest of all first
+    pictures : pictures of the scene under several lamps, the brightest of all first
     camera : overhead, calibrated
-    library : of the parts that may be there
-    limits : how much is tried
+    library : library of the possible parts
+    limits : limits of the search
     """
     x0, y0, x1, y1 = region.box_px
     middle_px = np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])

@@ -56,7 +56,7 @@ class Candidate:
     x_mm, y_mm : of the centre of mass
     overlap : cosine of the two silhouettes, 0..1
     distance : in the index
-    slack_mm : how far off its place may be because the view was made for another one
+    slack_mm : allowance for the offset of its position from the one that the view was made for
     silhouette : which of the object's it was found by, where it may have several
     view : which of the index' it is; -1 where it was not found by one
     """
@@ -83,7 +83,7 @@ class ViewIndex:
 
     Parameters
     ----------
-    views : of each part
+    views : views of each part
     eye_mm : (3,) the camera's centre in the world
     """
 

@@ -33,13 +33,13 @@ class Entry:
 
     Attributes
     ----------
-    name : of the part
+    name : name of the part
     poses : the stable poses it may be found in; of those that a symmetry makes the same, the first
     turns_rad : of each pose, the turns about the vertical that leave it as it is, 0 first; empty
         where any turn does
     centroid_mm : (3,) centre of mass, CAD frame
     extent_mm : its longest side
-    views : of these poses
+    views : views of these poses
     features : lines, corners and circles each of these poses shows, at turn 0 straight below the
         camera
     """

@@ -41,7 +41,7 @@ class Station:
     Attributes
     ----------
     eye_mm : height of the camera's centre over the table
-    reach_mm : how far from the point below it parts may lie
+    reach_mm : largest distance of parts from the point below it
     """
 
     eye_mm: float
@@ -56,13 +56,14 @@ class PartViews:
     ----------
     pose : (n,) index of the stable pose
     place_mm : (n, 2) from the point below the camera to the centre of mass, the part at turn 0
-    area_mm2 : (n,) of the shadow
-    perimeter_mm : (n,) of the shadow, its holes' included
-    centroid_mm : (n, 2) of the shadow, from the centre of mass, the part at turn 0
+    area_mm2 : (n,) area of the shadow
+    perimeter_mm : (n,) perimeter of the shadow, its holes' included
+    centroid_mm : (n, 2) centroid of the shadow, from the centre of mass, the part at turn 0
     bits : (n, RINGS, ANGLES / 8) uint8 polar grids, a bit a cell: thousands stay in memory
     shapes : (n, f) float16 what of them does not change with the turn
     ring_mm : (n,) distance within which a view speaks for a place; inf where one is enough
-    lean : (n,) how far the shadow of the part's top moves as the part moves, over its foot
+    lean : (n,) rate at which the shadow of the part's top moves against that of its foot as the
+        part moves
     outer_mm : (n, OUTER_SAMPLES, 2) float16 the shadow's outer border at equal steps, the part to
         the left, from the centre of mass
     holes_mm : (n, HOLE_SAMPLES, 4) float16 borders of its holes, likewise, and unit normals away
@@ -177,7 +178,7 @@ def _places(extents_mm: FloatArray, station: Station) -> list[tuple[FloatArray, 
 
     Parameters
     ----------
-    extents_mm : (3,) of the part at rest, along the world's axes at turn 0
+    extents_mm : (3,) extents of the part at rest, along the world's axes at turn 0
     station : where it is looked at from
     """
     size = float(np.sqrt(np.prod(extents_mm[:2])))

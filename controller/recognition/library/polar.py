@@ -60,7 +60,7 @@ def from_raster(
     ----------
     raster : (h, w) 255 where the part is, 0 elsewhere
     centre_px : (2,) x before y
-    radius_px : of a disc as large as the part: the grid's unit of length
+    radius_px : radius of a disc as large as the part: the grid's unit of length
     """
     r = (np.arange(RINGS) + 0.5) / RINGS * REACH * radius_px
     phi = np.arange(ANGLES) * 2 * np.pi / ANGLES

@@ -54,7 +54,7 @@ def propose_partial(
     Parameters
     ----------
     cluster : several parts, or one that is cut
-    library : of the parts that may be there
+    library : library of the possible parts
     is_open : (m,) of the cluster's outline points, those that nothing explains yet
     most : of proposals
     per_place : of one stable pose turned differently in one place, that come before others

@@ -53,11 +53,11 @@ class PartialFit:
 
     Attributes
     ----------
-    candidate, model : what it is
+    candidate, model : candidate, and the model fitted
     fit : its whole predicted outline, covered or not
     is_found, is_covered : (n,) of the predicted points; neither is contradicted
     is_beyond : (n,) of the covered ones, those where nothing is known
-    cluster : what it was fitted to
+    cluster : cluster it was fitted to
     mm_per_px : at the part
     """
 
@@ -179,7 +179,7 @@ def fit_partial(
     Parameters
     ----------
     candidate : about where it lies
-    cluster : what is seen
+    cluster : cluster as seen
     library : whose parts and stable poses the candidate counts
     tilt_rad : standard deviation of the table's tilt
     """

@@ -45,7 +45,7 @@ class PartialLimits:
     tilt_rad, rocking_rad : as the search for whole outlines has them
     most_fits : places that are weighed against each other
     give_up : after so many candidates in turn that do not agree, likelier ones first
-    max_rounds : how often parts are looked for in what is left unexplained
+    max_rounds : number of rounds in which parts are sought in the unexplained rest
     """
 
     least_free: float = 0.65
@@ -66,7 +66,7 @@ class Place:
 
     Attributes
     ----------
-    fits : what it may be, best first
+    fits : hypotheses, best first
     explained : with each of them, the share of the cluster's outline on it and beside it that the
         parts predict
     """
@@ -99,8 +99,8 @@ def explain_cluster(
     Parameters
     ----------
     cluster : several parts that touch, or one that is cut
-    library : of the parts that may be there
-    limits : how much is tried and how much has to agree; None for the defaults
+    library : library of the possible parts
+    limits : limits of the search and tolerances on agreement; None for the defaults
     """
     limits = limits or PartialLimits()
     fits: list[PartialFit] = []

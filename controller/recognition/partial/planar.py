@@ -40,7 +40,7 @@ class _Outlines:
     ----------
     points, normals : (n, k, 2)
     weights : (n, k)
-    pivots_mm : (n, 2) what a turn leaves where it is
+    pivots_mm : (n, 2) fixed points of a turn
     """
 
     def __init__(
@@ -61,9 +61,9 @@ def shares_met(
     Parameters
     ----------
     candidates : views, each about where it may lie
-    cluster : what is seen
+    cluster : cluster as seen
     library : whose views these are
-    reach_mm : how far off they may lie, what their place adds to it aside
+    reach_mm : largest distance between them, plus the uncertainty of their positions
     """
     slack = np.array([c.slack_mm for c in candidates])
     views, of = np.unique([c.view for c in candidates], return_inverse=True)
@@ -151,8 +151,8 @@ def _met(
     Parameters
     ----------
     outlines : where they are looked for
-    cluster : what is seen
-    reach_mm : (n,) how far off they may lie
+    cluster : cluster as seen
+    reach_mm : (n,) largest distance between them
     loose_mm : (n,) by how much an outline may be another one
     """
     seen = cluster.map

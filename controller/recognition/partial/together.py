@@ -69,7 +69,7 @@ def best_set(
     Parameters
     ----------
     fits : one of each place
-    are_in_one_place : whether two of them cannot both be there
+    are_in_one_place : True if two of them exclude each other
     gain : of a fit by how much it explains that others do not; the more the better
     """
     count = len(fits)

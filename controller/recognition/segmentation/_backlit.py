@@ -40,7 +40,7 @@ def find_backlit(
     white : level of saturated pixels
     cut : relative level of the threshold
     usable : (height, width) where the table is; None for everywhere
-    min_area_px : of the picture's pixels, below which something is a speck
+    min_area_px : smallest area that is not a speck [px of the picture]
     """
     height, width = picture.shape
     dark = (relative < cut).astype(np.uint8)

@@ -65,7 +65,7 @@ def find_front(
     noise : from pixel to pixel
     step : distance of grey levels
     usable : (height, width) where the table is; None for everywhere
-    min_area_px : of the picture's pixels, below which something is a speck
+    min_area_px : smallest area that is not a speck [px of the picture]
     """
     height, width = picture.shape
     excess = max(MIN_BRIGHT, TEXTURE_FACTOR * ground.scatter)

@@ -15,7 +15,7 @@ def near_ones(regions: Sequence[Region]) -> list[list[int]]:
 
     Parameters
     ----------
-    regions : of one picture
+    regions : regions of one picture
     """
     group = list(range(len(regions)))
     for a in range(len(regions)):

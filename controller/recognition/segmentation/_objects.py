@@ -105,10 +105,10 @@ def regions_of(
     Parameters
     ----------
     crop : piece of the picture
-    mask : (h, w) of the crop, the objects
-    field : (h, w) of the crop, its zero line is their border; of `sharpen`
+    mask : (h, w) mask of the crop, the objects
+    field : (h, w) field of the crop, its zero line is their border; of `sharpen`
     wanted : (h, w) only what has a pixel there; None for everything
-    min_area_px : of the picture's pixels, below which something is a speck
+    min_area_px : smallest area that is not a speck [px of the picture]
     alternatives : other masks of the whole crop, cut to each thing's surroundings
     """
     found, tree = cv2.findContours(mask.view(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
@@ -220,7 +220,7 @@ def boxes_of(
     ----------
     candidates : (h, w) 1 where something is
     factor : by which the reduced picture is smaller
-    size_px : (width, height) of the whole picture, where the boxes end
+    size_px : (width, height) size of the whole picture, where the boxes end
     margin_px : kept free round each thing, in pixels of the whole picture
     least : pixels of the reduced picture below which something is left out
     """

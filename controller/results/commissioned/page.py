@@ -60,9 +60,9 @@ def write_evidence_page(folder: Folder, standings: Sequence[Standing], name: str
 
     Parameters
     ----------
-    folder : what is kept
-    standings : what holds of each step, in order
-    name : of the cell
+    folder : folder of the commissioning
+    standings : standing of each step, in order
+    name : name of the cell
 
     Raises
     ------

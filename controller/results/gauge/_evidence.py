@@ -31,7 +31,7 @@ class Evidence:
     software : versions by name
     inputs : each reading: its source, part, start pose, grasp, and SHA-256 of files or rows by name
     references : values known from elsewhere
-    remarks : what was taken for granted
+    remarks : assumptions made
     """
 
     at: datetime
@@ -105,8 +105,8 @@ def write_evidence(
     Parameters
     ----------
     runs_dir : folder of all runs
-    evidence : what it was made of
-    gauges : what came out
+    evidence : readings it was made of
+    gauges : results
 
     Raises
     ------

@@ -21,10 +21,10 @@ def write_gauge_page(
 
     Parameters
     ----------
-    evidence : what it was made of
-    gauges : what came out
+    evidence : readings it was made of
+    gauges : results
     kept : the evidence's file, named on the page
-    path : of the page
+    path : path of the page
 
     Raises
     ------

@@ -25,7 +25,7 @@ class Reference:
 
     Attributes
     ----------
-    id : of the characteristic
+    id : id of the characteristic
     part : which part; empty for every part
     """
 

@@ -48,11 +48,11 @@ class CharacteristicGauge:
     Attributes
     ----------
     values, groups : all values, and of each part, start pose and grasp
-    sources : of each value
+    sources : sources of each value
     missing : readings without a value
     study : by part, start pose, grasp and repeat; None for fewer than two values
     looks : single pictures within a grasp, grasps within a measurement; None where not enough
-    bias : of the means that are independent of each other, from their references; None without
+    bias : bias of the means that are independent of each other, from their references; None without
     U_bias : of the bias, k = 2, that of the references included; None for one mean
     """
 
@@ -150,7 +150,7 @@ def study_readings(
 
     Parameters
     ----------
-    readings : of one product, in the order measured
+    readings : readings of one product, in the order measured
     references : values known from elsewhere
     """
     asked = {c.id: c for reading in readings for c in reading.characteristics}

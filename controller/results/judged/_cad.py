@@ -29,7 +29,7 @@ def solid_of(recipe: Mapping[str, Any], files: Mapping[str, str], folder: Path) 
     ----------
     recipe : as the run's first row has it
     files : SHA-256 of each file that the run read, by path
-    folder : of the run
+    folder : folder of the run
     """
     source = split_cad(Path(str(recipe.get("part", ""))))
     sha256_then = files.get(str(source.file))

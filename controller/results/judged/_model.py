@@ -20,10 +20,10 @@ class Header:
     Attributes
     ----------
     part : name of the product
-    number : of the part in its run, from 1
+    number : number of the part in its run, from 1
     recipe, recipe_sha256, cad, cad_sha256, cell, cell_sha256 : files, and what was in them
     calibrated : when each camera was calibrated, by camera
-    calibration : what of the cell's calibrations did not count, in sentences; None if unknown
+    calibration : sentences on the calibrations of the cell that did not count; None if unknown
     software : versions by name
     start, end : UTC
     part_temperature_c : None if nobody measured it
@@ -62,8 +62,8 @@ class JudgedPart:
 
     Attributes
     ----------
-    header : what was inspected
-    part : what was seen, measured and decided
+    header : header of the report
+    part : results of the part
     folder : its pictures are here
     """
 

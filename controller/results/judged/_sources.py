@@ -36,8 +36,8 @@ def judged_part(
 
     Parameters
     ----------
-    inspection : what all views come to
-    header : what was inspected
+    inspection : results of all views together
+    header : header of the report
     folder : the pictures are in it
     pictures : file in the folder, by view and lamp
     """

@@ -28,9 +28,9 @@ class PlanFacts:
     Attributes
     ----------
     cell : its name
-    certificates : of all stable poses; empty where only one was planned from
+    certificates : certificates of all stable poses; empty where only one was planned from
     place : planar pose of the part: x [mm], y [mm], theta [deg]
-    inputs : what plan and certificates were made with, in a sentence
+    inputs : inputs of the plan and its certificates, in a sentence
     """
 
     part: CompiledPart
@@ -98,7 +98,7 @@ def draw_steps(facts: PlanFacts, plan: Plan, painter: Painter) -> tuple[StripFra
 
     Parameters
     ----------
-    facts, plan : what is drawn
+    facts, plan : facts and plan to draw
     painter : colours of the part by its samples
     """
     samples = facts.part.samples
@@ -113,7 +113,7 @@ def write_step_pictures(facts: PlanFacts, plan: Plan, folder: Path) -> tuple[tup
 
     Parameters
     ----------
-    facts, plan : what is drawn
+    facts, plan : facts and plan to draw
     folder : is there
 
     Raises

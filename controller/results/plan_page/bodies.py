@@ -94,7 +94,7 @@ def box_body(name: str, colour: Colour, box: Box) -> Body:
 
     Parameters
     ----------
-    name : of the thing that the body is a piece of
+    name : name of the thing that the body is a piece of
     colour : a colour of `GLOWING` makes it glow
     box : in the world [mm]
     """

@@ -41,7 +41,7 @@ class Painter:
         Parameters
         ----------
         stage : the cell at the moment of the picture
-        hits : what each ray of the picture meets, (height, width)
+        hits : hit of each ray of the picture
         colours : (n, 3) red, green, blue of each sample, 0 to 255
         """
         height, width = hits.triangle.shape

@@ -68,9 +68,9 @@ def shade(
     ----------
     stage : the cell at the moment of the picture
     eye : its rays
-    hits : what they meet, (height, width)
-    paint : what colours the part instead of its own; None for nothing
-    relief : how much light and shadow change the colours, from 0
+    hits : hits of the rays
+    paint : colours in place of the part's own; None for none
+    relief : strength of light and shadow, from 0
     """
     triangle = hits.triangle
     key = eye.back * 0.55 - eye.right * 0.45 + eye.up * 0.65

@@ -38,7 +38,7 @@ class Slant:
     Attributes
     ----------
     centre_mm : (3,) in the middle of the picture
-    width_mm, height_mm : of the picture
+    width_mm, height_mm : width and height of the picture
     """
 
     azimuth_rad: float

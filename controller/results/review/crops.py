@@ -39,7 +39,7 @@ class Seen:
     Attributes
     ----------
     image : (height, width) grey or (height, width, 3) blue first; None if there is none
-    why_missing : why there is none
+    why_missing : reason why there is none
     """
 
     image: NDArray[np.uint8] | None
@@ -52,7 +52,7 @@ class FindingCrops:
 
     Attributes
     ----------
-    file : of the picture, relative to the run's folder; empty if there is none
+    file : file of the picture, relative to the run's folder; empty if there is none
     lamp : as in the cell file; empty if no picture is named
     window : x0, y0, x1, y1 of the crops in it [px]; None without a picture
     """

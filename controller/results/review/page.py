@@ -44,9 +44,9 @@ def write_review_page(crops: PartCrops, part: Mapping[str, Any], path: Path) -> 
 
     Parameters
     ----------
-    crops : of the part's findings
+    crops : crops of the part's findings
     part : its record, as the history has it
-    path : of the page
+    path : path of the page
 
     Raises
     ------

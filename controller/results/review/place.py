@@ -28,9 +28,9 @@ def place_drawing(
     Parameters
     ----------
     solid : the part
-    caster : of its mesh
+    caster : caster of its mesh
     p_part_mm : (3,) the place, CAD frame
-    width_px : of the drawing
+    width_px : width of the drawing
     """
     right, up, back = _axes(_outwards(solid, p_part_mm))
     size = (width_px, round(width_px / ASPECT))

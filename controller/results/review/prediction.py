@@ -89,7 +89,7 @@ class Predictor:
         Parameters
         ----------
         view : whose pose was measured
-        lamp : of the picture, as in the cell file
+        lamp : lamp of the picture, as in the cell file
         picture : as taken, whole
         window : x0, y0, x1, y1 [px], within the picture
         """

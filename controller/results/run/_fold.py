@@ -35,8 +35,8 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
 
     Parameters
     ----------
-    run_id : of the run
-    folder : of the run
+    run_id : id of the run
+    folder : folder of the run
     found : its rows in order, at least one
     broken : number of the journal's first row whose hash does not fit
 

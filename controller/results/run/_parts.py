@@ -72,7 +72,7 @@ class PartFold:
 
         Parameters
         ----------
-        row : what it says
+        row : content of the row
         at : when it was written; None if that is no matter
         """
         if at is not None:

@@ -42,7 +42,7 @@ class DeviceReport:
     Attributes
     ----------
     address : where it was, as resolved at the start
-    identity : what it reported of itself; empty if it never answered
+    identity : identity that it reported; empty if it never answered
     """
 
     name: str
@@ -58,7 +58,8 @@ class SightingReport:
     Attributes
     ----------
     part : name, None for an unknown object
-    score : how likely part and pose are right, 0..1; of an unknown object, that it is one
+    score : probability that part and pose are right, 0..1; of an unknown object, that it is an
+        object
     sigma_mm, sigma_deg : standard deviations of position and theta; None if unknown
     residual_px : standard deviation of the edges from their predictions, None if unknown
     box_px : x0, y0, x1, y1 in the overhead picture
@@ -127,9 +128,9 @@ class DryStepReport:
 
     Attributes
     ----------
-    motions : how many the arm made
+    motions : number of motions of the arm
     lifted_mm : least and most of what its waypoints were raised by
-    left_out : why waypoints were not driven to
+    left_out : sentences on the waypoints left out
     seconds : it took [cell s]
     """
 
@@ -147,7 +148,7 @@ class FindingReport:
 
     Attributes
     ----------
-    number : of the finding on its part, from 1, in the order the views were judged
+    number : number of the finding on its part, from 1, in the order the views were judged
     area_mm2 : None where only its extent is known
     verdict : fail where it is proven, indeterminate where not; empty in runs that did not say
     outline_px : border of what differs, in the picture; may be empty
@@ -195,7 +196,7 @@ class CharacteristicReport:
     source : where the limits come from
     measured, U : value and expanded uncertainty (k = 2); None if it was not evaluated
     verdict : pass, fail, indeterminate or not evaluated
-    reason : why it stays open, or which limit it is beyond
+    reason : reason why it stays open, or the limit it exceeds
     anchors_mm, axis : where it is measured, CAD frame, and the axis of the hole or boss, or the
         direction of the distance
     rim_radius_mm, is_hole : of a hole or boss
@@ -237,7 +238,7 @@ class ViewReport:
     ----------
     pictures : file by lamp, relative to the run's folder
     evaluated : None if the run ended before the view was judged
-    reason : why it was not evaluated
+    reason : reason why it was not evaluated
     shift_mm, turn_deg, residual_px : measured pose from the expected one; None if unknown
     outline_px : every third border pixel of the prediction
     T_world_part : (4, 4) the pose measured; empty if it is not known
@@ -264,7 +265,7 @@ class FaceReport:
     ----------
     compared_fraction : compared with the CAD by any check
     by_check : the same by each check
-    rest : what was not compared, by reason
+    rest : shares not compared, by reason
     """
 
     face_id: int
@@ -295,7 +296,7 @@ class DetectionReport:
 
     Attributes
     ----------
-    size_mm : what was asked, or the smallest defect of the recipe
+    size_mm : size in question, or the smallest defect of the recipe
     share : of the surface, of chips and burrs of the sharp edges, on which it would have been found
     half_mm : the size found on half of that; None for none
     is_asked : the recipe names it
@@ -319,7 +320,7 @@ class VerdictReport:
     reasons : most important first
     compared_fraction : of all surface, compared
     in_sight_fraction : in sight, compared or not
-    claim : what was looked for on the compared surface
+    claim : claim: the size looked for on the compared surface
     compared_U : expanded uncertainty (k = 2) of `compared_fraction`; None in runs that did not say
     found : by kind of defect, what would have been found; empty in runs that did not say
     """
@@ -359,14 +360,14 @@ class PartReport:
 
     Attributes
     ----------
-    looks : how often the table was looked at; more than once after a missed grasp
-    table_pictures : of the last look, file by lamp
-    sightings : of the last look
-    steps : of the last plan, done or not
+    looks : number of looks at the table; more than one after a missed grasp
+    table_pictures : pictures of the last look, file by lamp
+    sightings : sightings of the last look
+    steps : steps of the last plan, done or not
     custody : the last one in the journal
-    unconfirmed : what was begun and never confirmed; where not empty, `custody` may be out of date
+    unconfirmed : actions begun and never confirmed; where not empty, `custody` may be out of date
     resumed : the interrupted run that the part was taken over from; None for a part of this run
-    followed : what a later run says became of it; None if none says so
+    followed : fate of it according to a later run; None if none records it
     is_counted : this is the part's record; else another run has it, or will have
     tray : the one it was placed in; None if it was not placed
     nest : of the tray, from 1; None if its parts are not counted
@@ -426,7 +427,7 @@ class LogEntry:
     ----------
     body : as the journal keeps it
     row : its model; None if this version does not know or cannot read such a row
-    flaw : why it cannot be read; empty otherwise
+    flaw : reason why it cannot be read; empty otherwise
     cell_s : when it was written, by the cell's clock [cell s]; None if it does not say
     """
 
@@ -459,7 +460,7 @@ class RunOutcome:
     ----------
     end : the state of rest; ``broke_off`` where it could not come to rest, ``cut_off`` where the
         journal just stops
-    message : what happened; empty when all went well
+    message : message of the end; empty when all went well
     code : stable short name of what happened
     where : where the part is, as a sentence
     """
@@ -479,15 +480,15 @@ class RunRecord:
     ----------
     folder : the run's own folder, where its pictures are
     recipe, cell : as they were read, whole
-    emulator : what the emulator reported of itself, empty on a real cell
+    emulator : report of the emulator about itself; empty on a real cell
     speed, speed_reached : cell seconds per wall second, requested and reached on average; None
         where the run did not come to its end
-    ordered : how many parts were ordered
+    ordered : number of parts ordered
     first_broken_row : number of the first journal row whose hash does not fit; None if all fit
     files : sha256 of recipe, cell file and CAD files, by path
     operator, lot, serials, part_temperature_c : as given with the order; may be empty or None
-    calibration : what of the cell's calibrations did not count; None if the journal is older
-        than they are
+    calibration : calibrations of the cell that did not count; None if the journal is older than
+        they are
     dry : the steps of a dry run; None if the run was to inspect parts
     ordered_recipes : all recipes of the run, at least one; `recipe` is the first
     """

@@ -39,7 +39,7 @@ class Tampering:
     Attributes
     ----------
     subject : ``row 17 (view)``, or a file in the run's folder
-    problem : what is wrong with it
+    problem : description of the fault
     """
 
     subject: str
@@ -52,7 +52,7 @@ class RunProof:
 
     Attributes
     ----------
-    row_count, file_count : of the run
+    row_count, file_count : numbers of rows and files of the run
     last_seq, last_hash : of the journal; noted elsewhere, they prove later that nothing up to here
         was written anew
     """
@@ -119,7 +119,7 @@ def note_results(runs_dir: Path, run_id: str, files: Sequence[Path]) -> None:
     Parameters
     ----------
     runs_dir : folder with the journal
-    run_id : of the run
+    run_id : id of the run
     files : reports and exports, just written
 
     Raises

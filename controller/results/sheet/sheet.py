@@ -35,7 +35,7 @@ class PoseSheet:
     up : direction it is seen from in the CAD frame, as in Table 1 of the paper
     picture : data URI
     drawing : its view from above
-    remarks : what else is known of it, in words
+    remarks : further remarks, in words
     """
 
     pose: StablePose
@@ -54,9 +54,9 @@ class PartSheet:
     ----------
     part : as compiled
     mass_g, density_g_cm3 : its mass, and the density assumed
-    frame : of all its drawings
+    frame : frame of all its drawings
     poses : one sheet each
-    edges_in_words : how many edges of each kind
+    edges_in_words : number of edges of each kind
     features, tolerances : rows of their tables
     """
 

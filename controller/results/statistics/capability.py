@@ -37,11 +37,11 @@ class Capability:
 
     Attributes
     ----------
-    n : how many values
+    n : number of values
     cp, cpk : of the spread from neighbour to neighbour; cp is None for a limit on one side
     pp, ppk : of the spread of all
     normality_p : probability of values so far from normal, if they are (Shapiro, Wilk)
-    note : what must be known beside the indices
+    note : caution to be read with the indices
     """
 
     n: int

@@ -82,7 +82,7 @@ def nested_study(
     values : n of them
     groups : of each value the group on each level but the finest, the coarsest first; a group is
         known by its name within its own coarser group
-    names : of all levels, the coarsest first; the last one is of the values themselves
+    names : names of all levels, the coarsest first; the last one is of the values themselves
 
     Raises
     ------

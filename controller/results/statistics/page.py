@@ -28,9 +28,9 @@ def write_series_page(recipe: str, series: Sequence[Series], at: datetime, path:
     Parameters
     ----------
     recipe : its name
-    series : of its characteristics
+    series : series of its characteristics
     at : now, UTC
-    path : of the page
+    path : path of the page
 
     Raises
     ------

@@ -30,9 +30,10 @@ class PartTakt:
 
     Attributes
     ----------
-    number : of the part in its run; 0 for what belongs to none: before the first, after the last
+    number : number of the part in its run; 0 for what belongs to none: before the first, after the
+        last
     recipe : it was inspected by
-    forecast_s : of its first plan; None without one
+    forecast_s : forecast of its first plan; None without one
     seconds : by use; they add up to `total_s`
     execute_s, busy_s : of Execute, and of that what the arm did by its plan
     late_wall_s : for how long the controller itself was late [wall s]; within the seconds above
@@ -65,7 +66,7 @@ class RunTakt:
     Attributes
     ----------
     parts : in order; of a run that was cut off the last one may not be done
-    around : what belongs to no part: connecting, homing, coming to rest
+    around : time that belongs to no part: connecting, homing, coming to rest
     has_cell_clock : its rows have instants of the cell's own clock; otherwise seconds are the
         wall's, which of an emulated cell say little
     """
@@ -85,7 +86,7 @@ def takt_of(record: RunRecord) -> RunTakt:
 
     Parameters
     ----------
-    record : of the run
+    record : record of the run
     """
     elsewhere = {
         (record.run_id, part.number)

@@ -25,14 +25,15 @@ class TaktGroup:
 
     Attributes
     ----------
-    name : of the group
+    name : name of the group
     part_count, unjudged_count : parts in their tray; parts begun that have no verdict, but for
         those whose record another run has
     planned_ahead_count : of them, whose plan was made while the arm had the part before
     seconds : by use, with what belongs to no part of these runs, such as homing, if any
     execute_s, busy_s : of Execute, and of that what the arm did by its plan
     judged_execute_s : of Execute, what the parts in their tray took
-    forecast_s : of the parts that are done and had a plan, with `forecast_took_s`, what they took
+    forecast_s : forecast of the parts that are done and had a plan, with `forecast_took_s`, what
+        they took
     late_wall_s : for how long the controller itself was late [wall s]
     has_cell_clock : false where seconds of some runs are the wall's
     """
@@ -89,7 +90,7 @@ def run_takt(record: RunRecord) -> TaktGroup:
 
     Parameters
     ----------
-    record : of the run
+    record : record of the run
     """
     (group,) = grouped([takt_of(record)], "run")
     return group
@@ -122,7 +123,7 @@ def takt_json(group: TaktGroup) -> dict[str, Any]:
 
     Parameters
     ----------
-    group : of parts
+    group : group of parts
     """
     share, part_s = group.busy_share, group.part_s
     return {
@@ -148,7 +149,7 @@ def takt_line(group: TaktGroup) -> str:
 
     Parameters
     ----------
-    group : of parts
+    group : group of parts
     """
     share = group.busy_share
     if share is None:

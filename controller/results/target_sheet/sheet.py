@@ -21,7 +21,7 @@ def sheet_html(board: BoardSection, name: str, paper: str) -> tuple[str, tuple[S
     Parameters
     ----------
     board : as its file describes it
-    name : of the board, for people
+    name : name of the board, for people
     paper : a key of `PAPERS_MM`
 
     Raises
@@ -50,7 +50,7 @@ def sheet_pdf(board: BoardSection, name: str, paper: str) -> bytes:
     Parameters
     ----------
     board : as its file describes it
-    name : of the board, for people
+    name : name of the board, for people
     paper : a key of `PAPERS_MM`
 
     Raises

@@ -75,7 +75,7 @@ class CaptureSession:
 
     Parameters
     ----------
-    config : how to find and set it
+    config : address and settings
     clock : the cell's clock
     calls : system calls
     stats : tallies to count in

@@ -32,8 +32,8 @@ class ControlSetting:
     ----------
     control, name : which
     wanted : the value to be set
-    got : what was read back, None if there is no such control or it cannot be read
-    problem : why ``got`` is not ``wanted``; empty if it is, or if there was nothing to lock
+    got : value read back; None if there is no such control or it cannot be read
+    problem : reason why ``got`` is not ``wanted``; empty if it is, or if there was nothing to lock
     code : the errno behind ``problem``, 0 if there is none
     has_changed : whether the value is another than before
     """
@@ -60,7 +60,7 @@ class ControlInfo:
     value : now; None if it cannot be read
     is_inactive : an automatic has it at present
     menu : number -> text of a menu's items
-    problem : why it could not be read
+    problem : reason why it could not be read
     """
 
     control: int

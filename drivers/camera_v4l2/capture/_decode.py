@@ -28,8 +28,8 @@ class PixelKind:
     Attributes
     ----------
     name : FourCC without trailing blanks
-    bytes_per_px : of a raw format; 0 for a compressed one
-    bits : of one grey value; white is ``2**bits - 1``
+    bytes_per_px : bytes of a raw format; 0 for a compressed one
+    bits : bits of one grey value; white is ``2**bits - 1``
     """
 
     name: str
@@ -89,7 +89,7 @@ def decode(data: bytes, pixel_format: PixFormat) -> Image:
     Parameters
     ----------
     data : the buffer's ``bytesused`` bytes
-    pixel_format : what S_FMT answered
+    pixel_format : reply of S_FMT
 
     Returns
     -------

@@ -18,7 +18,7 @@ class Stream:
     Parameters
     ----------
     device : the open camera, its format set
-    buffer_count : how many buffers to request
+    buffer_count : number of buffers to request
     """
 
     def __init__(self, device: Device, buffer_count: int) -> None:

@@ -23,9 +23,9 @@ class CameraConfig:
     gain : in the camera's own units; None keeps it
     white_balance_k : colour temperature [K]; None keeps it
     buffer_count : pictures the kernel may hold
-    frame_margin_s : what lies between a frame's stamp and the end of exposure it marks [s];
-        None assumes one frame period, two for a stamp taken at the first packet. Measured once
-        per camera model by switching the light and counting frames
+    frame_margin_s : time between a frame's stamp and the end of exposure it marks [s]; None assumes
+        one frame period, two for a stamp taken at the first packet. Measured once per camera model
+        by switching the light and counting frames
     settle_frame_count : frames not to be used after a change of exposure
     frame_timeout_s : patience beyond what frame rate and exposure explain [s]
     is_start_stamp_trusted : whether a stamp flagged "start of exposure" is one; None: unless the
@@ -74,8 +74,8 @@ class Frame:
     sequence : the camera's frame number, 32 bit
     exposure_s : None if unknown or automatic [s]
     pixel_format : FourCC it travelled in
-    flags : of the buffer, ``V4L2_BUF_FLAG_*``
-    stamp_source : what ``timestamp_s`` marks
+    flags : flags of the buffer, ``V4L2_BUF_FLAG_*``
+    stamp_source : instant that ``timestamp_s`` marks
     """
 
     image: Image
@@ -95,10 +95,10 @@ class CameraIdentity:
 
     Attributes
     ----------
-    node : what was opened
+    node : path of the opened node
     driver, card, bus : kernel driver, model, where it is plugged in
     version : kernel version of the driver, such as "6.1.0"
-    caps : what the node can do
+    caps : capabilities of the node
     """
 
     node: str

@@ -38,7 +38,7 @@ class Stamp:
     ----------
     at_s : instant for the record [cell s]
     bound_s : the frame ended (or, by its source, began) no earlier than this [cell s]
-    source : what the stamp marks
+    source : instant that the stamp marks
     """
 
     at_s: float
@@ -87,8 +87,8 @@ def earliest_light_s(stamp: Stamp, exposure_s: float, margin_s: float) -> float:
     ----------
     stamp : of the frame
     exposure_s : its exposure [s]
-    margin_s : what lies between the stamp and the exposure's marked end [s]: readout for an end
-        stamp, the camera's and encoder's buffering for a first-packet stamp
+    margin_s : time between the stamp and the exposure's marked end [s]: readout for an end stamp,
+        the camera's and encoder's buffering for a first-packet stamp
     """
     if stamp.source is StampSource.START_OF_EXPOSURE:
         return stamp.bound_s - margin_s

@@ -16,8 +16,8 @@ class Device:
 
     Parameters
     ----------
-    calls : how system calls are made
-    path : what to open
+    calls : caller of system calls
+    path : path to open
     """
 
     def __init__(self, calls: SysCalls, path: str) -> None:

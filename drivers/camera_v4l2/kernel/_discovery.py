@@ -26,7 +26,7 @@ class FoundNode:
     Attributes
     ----------
     path : device node
-    name : what the driver calls it
+    name : name used in the driver
     index : number of the node within its device; a UVC camera's 0 captures, 1 is metadata
     serial, port : USB serial number and port path such as ``1-2.3``; empty if it has none
     """

@@ -29,9 +29,9 @@ def explain(error: OSError, device: str, doing: str) -> DeviceError:
 
     Parameters
     ----------
-    error : what the system call raised; its errno decides the class
+    error : error of the system call; its errno decides the class
     device : the node or socket, for the message
-    doing : what was attempted, for the message, such as "frame rate"
+    doing : action attempted, for the message, such as "frame rate"
     """
     code = error.errno or 0
     told = f"camera {device}: {doing}: {errno.errorcode.get(code, code)} ({error.strerror})"

@@ -24,8 +24,8 @@ class TappedCalls:
 
     Parameters
     ----------
-    calls : what makes them
-    tap : what sees them, and may answer instead
+    calls : caller of system calls
+    tap : tap that observes them, and may answer instead
     """
 
     def __init__(self, calls: SysCalls, tap: CameraTap) -> None:
@@ -76,7 +76,7 @@ class TappedCalls:
         Parameters
         ----------
         fd : as `open` returned it
-        length, offset : of the buffer [bytes], from QUERYBUF
+        length, offset : length and offset of the buffer [bytes], from QUERYBUF
         """
         inner: BufferMap | None = self._tap.other(lambda: self._calls.mmap(fd, length, offset))
         return _TappedMap(inner, self._tap)

@@ -63,7 +63,7 @@ class Link:
     clock : the cell's clock, by which requests are spaced and replies given up
     config : timing of the line
     trace : called with every exchange on the wire
-    tap : of the line, None for none
+    tap : tap of the line, None for none
     """
 
     def __init__(

@@ -95,8 +95,8 @@ class RecordedLine:
 
     Parameters
     ----------
-    exchanges : of the recording, in their order
-    name : of the recording, for messages
+    exchanges : exchanges of the recording, in their order
+    name : name of the recording, for messages
     """
 
     def __init__(self, exchanges: Sequence[Exchanged], name: str) -> None:
@@ -267,7 +267,7 @@ def exchanges_of(reader: WireReader, wire: str) -> list[Exchanged]:
 
     Parameters
     ----------
-    reader : of the recording
+    reader : reader of the recording
     wire : name of the arm in the recorded cell file
     """
     found: list[Exchanged] = []
@@ -288,9 +288,9 @@ class RecordedArm:
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     wire : name of the arm in the recorded cell file
-    clock : of the driver
+    clock : clock of the driver
     """
 
     def __init__(self, path: Path, wire: str, clock: CellClock) -> None:
@@ -327,7 +327,7 @@ class RecordedTransport:
     Parameters
     ----------
     line : that is recorded
-    clock : of the driver
+    clock : clock of the driver
     """
 
     def __init__(self, line: RecordedLine, clock: CellClock) -> None:

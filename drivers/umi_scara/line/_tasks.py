@@ -39,7 +39,7 @@ class Turns:
 
     Parameters
     ----------
-    tap : of the line, which may hold a caller back; None for none
+    tap : tap of the line, which may hold a caller back; None for none
     """
 
     def __init__(self, tap: LineTap | None = None) -> None:

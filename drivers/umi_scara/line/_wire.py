@@ -244,7 +244,7 @@ class Wire:
 
         Parameters
         ----------
-        request : what was sent
+        request : request sent
         received : the bytes that came back, and fit another command
 
         Raises
@@ -359,7 +359,7 @@ class Wire:
 
         Raises
         ------
-        LineUncertainError : what arrived may be the reply to a command that nobody sent
+        LineUncertainError : the reply may belong to a command that nobody sent
         """
         await self._pace()
         if not (stale := await self._transport.read(0)):

@@ -46,7 +46,7 @@ class LinkBox:
     T : (4, 4) pose of the box's centre
     half_mm : (3,) half of each edge
     may_touch_base, may_touch_table : the joint limits do not keep it off the column or the table
-    keeps_clear_of : what of the arm gripper it may touch
+    keeps_clear_of : boxes of the arm gripper that it must not touch
     """
 
     name: str
@@ -65,7 +65,7 @@ class UmiModel:
     ----------
     geometry : its lengths
     links : carriage, upper arm and forearm, see `of_boxes`
-    timing : how long its moves take
+    timing : timing model of its moves
     """
 
     geometry: ArmGeometry
@@ -186,8 +186,8 @@ class UmiModel:
         Parameters
         ----------
         q_from, q_to : (6,) ends of a joint line, on which it holds
-        far_mm, beside_mm : how far gripper and part reach from the wrist's centre, and from the
-            approach axis
+        far_mm, beside_mm : reach of gripper and part from the wrist's centre, and from the approach
+            axis
 
         Returns
         -------

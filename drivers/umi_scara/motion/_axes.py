@@ -266,7 +266,7 @@ class Axes:
         Parameters
         ----------
         axis : the motor; it must be at rest
-        counts : what its encoder is to read from now on
+        counts : new value of its encoder
         guard : called before every request; raises once the motion has been stopped
         """
         ip, ctl = ADDRESSES[axis]

@@ -23,7 +23,7 @@ def judge_counters(
     Parameters
     ----------
     known : range that each axis must be found in [counts]; axes that are left out prove nothing
-    counts : what all axes read [counts]
+    counts : readings of all axes [counts]
     may_be_zeroed : define home may have been carried out, so that each IP needs a witness
     """
     for axis, (low, high) in known.items():
@@ -54,7 +54,7 @@ def judge_kept_counters(
     Parameters
     ----------
     between : range that each axis was last sent to [counts]; axes that are left out prove nothing
-    counts : what all axes read at rest [counts]
+    counts : readings of all axes at rest [counts]
     ips : whose counters are in question
     """
     boards = set(ips)

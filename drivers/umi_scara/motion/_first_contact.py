@@ -43,7 +43,7 @@ async def try_motor(axes: Axes, homing: Homing, axis: Axis, guard: Guard) -> Mot
     Parameters
     ----------
     axes : the motors
-    homing : of this arm; the counters mean nothing before it has run
+    homing : homing of this arm; the counters mean nothing before it has run
     axis : the motor
     guard : called before every request; raises when the run must not go on
 

@@ -36,7 +36,7 @@ def keeping_park(park: Mapping[Axis, int]) -> dict[Axis, int]:
 
     Parameters
     ----------
-    park : of UMI's procedure
+    park : park of UMI's procedure
     """
     places = dict(park) | {Axis.ZED: c.KEEPING_ZED_COUNTS}
     places.pop(Axis.GRIPPER, None)

@@ -60,7 +60,7 @@ def forecast_s(
 
     Parameters
     ----------
-    distances : how far each axis goes [counts, signed]
+    distances : distance of each axis [counts, signed]
     speeds : SPEED of each of these axes
     nominal : speed of each axis at NOMINAL_SPEED [counts/s]
     """
@@ -215,8 +215,8 @@ async def verify_arrival(
     ----------
     axes : the motors, at rest
     targets : where each should be [counts]
-    tolerances : how far from it each may rest [counts]
-    settle_s : how long to go on reading until all are [cell s of attended time]
+    tolerances : tolerance of each at rest [counts]
+    settle_s : time limit until all are at rest [cell s of attended time]
 
     Raises
     ------

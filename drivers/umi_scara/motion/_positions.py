@@ -23,9 +23,9 @@ class Positions:
 
     Attributes
     ----------
-    is_homed : whether counts mean positions
+    is_homed : True if counts mean positions
     dead_bands : DEAD_BAND of each axis, read when it was homed [counts]
-    grasps : whether the jaws press on something, so that their target is beyond where they stand
+    grasps : True if the jaws press on something, so that their target is beyond their position
     """
 
     def __init__(self, on_lost: Callable[[], None]) -> None:

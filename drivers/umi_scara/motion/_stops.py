@@ -31,7 +31,7 @@ class HomingConfig:
 
     Attributes
     ----------
-    stop_counts : what each axis reads at its homing stop [counts]
+    stop_counts : reading of each axis at its homing stop [counts]
     park_counts : where each axis goes afterwards [counts]
     zed_speed, zed_force : SPEED and MAX_FORCE on the way up; §3.3's, since UMI's are unknown
     zed_timeout_s, timeout_s : patience for the way to a stop [cell s] (§4.6)

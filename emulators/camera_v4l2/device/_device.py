@@ -243,7 +243,7 @@ class V4l2Device:
 
         Parameters
         ----------
-        ticket : what the order of the picture returned
+        ticket : return value of the order of the picture
         picture : (height, width) uint8 or uint16, of `size_px` or a whole multiple of it
 
         Raises

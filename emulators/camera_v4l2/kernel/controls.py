@@ -53,7 +53,7 @@ class ControlBank:
         ----------
         cid : the control's id
         frame : number of the frame, as the sensor counts them
-        default : what to return for a control that this camera does not have
+        default : default for a control that this camera does not have
         """
         control = self._controls.get(cid)
         if control is None:
@@ -74,7 +74,8 @@ class ControlBank:
         Parameters
         ----------
         cid : the control's id
-        beside : what else the same request sets, by id; the automatic may be switched off there
+        beside : other controls that the same request sets, by id; the automatic may be switched off
+            there
         """
         needs = self._controls[cid].spec.needs
         if needs is None:
@@ -179,7 +180,7 @@ class ControlBank:
         ----------
         cid : the control's id
         value : the wish
-        beside : what else the same request sets, by id
+        beside : other controls that the same request sets, by id
 
         Raises
         ------

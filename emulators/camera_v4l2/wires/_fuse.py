@@ -100,7 +100,7 @@ class FuseMount:
 
     Attributes
     ----------
-    failure : what ended the service before its time, None while all is well
+    failure : error that ended the service early; None while all is well
     """
 
     def __init__(self, directory: Path, on_failure: Callable[[], None] = lambda: None) -> None:

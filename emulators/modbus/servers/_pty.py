@@ -48,7 +48,7 @@ class RtuPtyServer:
         ----------
         bus : the devices on the line
         clock : the world's
-        baudrate : of the line, 8N1; a pseudo-terminal has none of its own [bit/s]
+        baudrate : baudrate of the line, 8N1; a pseudo-terminal has none of its own [bit/s]
         turnaround_s : from the end of a request to the start of the reply [world s]
         link : a symbolic link to keep at the terminal, so that its name survives a restart
         """

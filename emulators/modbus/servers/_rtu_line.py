@@ -39,8 +39,8 @@ class RtuLine:
     ----------
     bus : the devices on the line
     clock : the world's time
-    baudrate : of the line [bit/s]; it gives the length of a character and of the silence between
-        frames
+    baudrate : baudrate of the line [bit/s]; it gives the length of a character and of the silence
+        between frames
     turnaround_s : from the end of a request to the reply's first character [world s]
     """
 

@@ -172,8 +172,8 @@ class TcpGateway(_MbapListener):
         bus : the devices on the line
         clock : the world's
         host, port : where to listen; port 0 takes a free one
-        baudrate : of the line, 8N1 [bit/s]
-        reply_timeout_s : how long the gateway waits for the first character [world s]
+        baudrate : baudrate of the line, 8N1 [bit/s]
+        reply_timeout_s : time that the gateway waits for the first character [world s]
         is_silence_answered : exception 0B for a silent device; False: the client gets nothing
         turnaround_s : from the end of a request to the start of the reply [world s]
         """
@@ -286,7 +286,7 @@ class RtuOverTcpServer(TcpListener):
         bus : the devices on the line
         clock : the world's
         host, port : where to listen; port 0 takes a free one
-        baudrate : of the line, 8N1 [bit/s]
+        baudrate : baudrate of the line, 8N1 [bit/s]
         turnaround_s : from the end of a request to the start of the reply [world s]
         """
         super().__init__(host, port)

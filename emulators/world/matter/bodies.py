@@ -196,7 +196,7 @@ class Bodies:
         Parameters
         ----------
         one, other : pybullet's numbers of the bodies
-        within_mm : how far apart they may be to be looked at
+        within_mm : distance within which pairs are examined
         """
         self._reset_due(one, other)
         contacts = self._pybullet.getClosestPoints(

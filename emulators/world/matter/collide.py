@@ -25,7 +25,7 @@ class Collision:
     ----------
     at_s : world time it began
     moving, other : names
-    depth_mm : of the overlap when it was noticed
+    depth_mm : depth of the overlap when it was noticed
     """
 
     at_s: float

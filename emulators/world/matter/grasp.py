@@ -62,7 +62,7 @@ class Gripper:
     finger_bodies : pybullet's, +y first
     must_open : a part has been lost from these jaws: they hold nothing until they have opened
     misses : the next part between the pads is missed: a fault
-    last_hold : how it held the part that it had last
+    last_hold : its last grasp of the part that it had last
     passing : parts that still overlap with the fingers after a release, and do not feel them
     """
 
@@ -220,7 +220,7 @@ def bears(felt: Felt, opening_mm: float, *, is_held: bool) -> bool:
 
     Parameters
     ----------
-    felt : what each pad has before it
+    felt : surface before each pad
     opening_mm : distance between the pads
     is_held : another gripper keeps it where it is; pads then give by `COMPLIANCE_MM`
     """
@@ -235,7 +235,7 @@ def make_gripper(name: str, layout: GripperLayout, opening_mm: float) -> Gripper
 
     Parameters
     ----------
-    name : what the world calls it
+    name : name in the world
     layout : its place in the cell and the size of its fingers
     opening_mm : distance between the pads to begin with
     """

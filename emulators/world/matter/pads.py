@@ -53,10 +53,10 @@ class Seat:
     Attributes
     ----------
     T_tcp_part : where
-    opening_mm : of the jaws then
+    opening_mm : opening of the jaws then
     area_mm2 : that touches, of the pad that has less
     centre_mm : (3,) middle of the touching surface, TCP frame
-    shift_mm, turn_rad : how far the part has been moved to get there
+    shift_mm, turn_rad : motion of the part that led there
     """
 
     T_tcp_part: Array

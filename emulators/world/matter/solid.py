@@ -52,8 +52,8 @@ class Rest:
     ----------
     down : (3,) outward normal of the hull facet that lies on the table, CAD frame
     R : (3, 3) CAD -> upright
-    solid_angle : of the facet seen from the centre of mass, as a fraction of the sphere
-    topple_rad : how far the part may be tilted over the nearest edge before it topples
+    solid_angle : solid angle of the facet seen from the centre of mass, as a fraction of the sphere
+    topple_rad : angle by which the part may be tilted over the nearest edge before it topples
     """
 
     down: Array
@@ -70,7 +70,7 @@ class Solid:
     ----------
     vertices_mm, faces : the exact mesh, CAD frame
     hull_mm : (n, 3) corners of its convex hull
-    mass_kg, centre_mm : of the filled solid
+    mass_kg, centre_mm : mass and centre of the filled solid
     T_part_body : principal axes of inertia at the centre of mass; pybullet's frame of the body
     inertia_kg_m2 : (3,) about those axes
     pieces_path : Wavefront file of the convex pieces, body frame, metres
@@ -169,8 +169,8 @@ def load_solid(
 
     Parameters
     ----------
-    path : of a mesh
-    density_kg_per_mm3 : of the whole part, aluminium by default
+    path : path of a mesh
+    density_kg_per_mm3 : density of the whole part, aluminium by default
     oversize_mm : by how much its longest edge is longer than the file has it, all else in
         proportion
 
@@ -208,8 +208,8 @@ def solid_of(
     Parameters
     ----------
     mesh : watertight, in the CAD frame [mm]; turned inside out in place if its volume is negative
-    name : what the world calls the part
-    density_kg_per_mm3 : of the whole part, aluminium by default
+    name : name of the part in the world
+    density_kg_per_mm3 : density of the whole part, aluminium by default
     is_convex : it is one convex piece as it is, which need not be searched for
     """
     if mesh.volume < 0.0:

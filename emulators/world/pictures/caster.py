@@ -58,9 +58,9 @@ class Caster:
         Parameters
         ----------
         assembly : the triangles
-        hits : what `meet` returned of them
-        directions : (n, 3) of these rays
-        curved : whether normals follow curved surfaces; otherwise they are the triangles'
+        hits : return value of `meet` for them
+        directions : (n, 3) directions of these rays
+        curved : True if normals follow curved surfaces; otherwise they are the triangles'
         met : numbers of the rays that matter; None: all that met anything
         """
         if met is None:

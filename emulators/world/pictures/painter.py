@@ -85,7 +85,7 @@ class Painter:
     ----------
     camera : whose picture it is
     rays : through its pixels
-    lamps : of the scene
+    lamps : lamps of the scene
     """
 
     def __init__(self, camera: CameraLayout, rays: RayTable, lamps: Lamps) -> None:
@@ -213,7 +213,7 @@ class Painter:
 
         Parameters
         ----------
-        spots : (m,) what `_spots_at` returns of these pixels
+        spots : (m,) return value of `_spots_at` for these pixels
         pixels : (n,) flat numbers, row by row
         step_px : from a pixel to its neighbours among these
         """
@@ -243,7 +243,7 @@ class Painter:
 
         Parameters
         ----------
-        spots : (m,) what `_spots_at` returns of these pixels
+        spots : (m,) return value of `_spots_at` for these pixels
         pixels : (n,) flat numbers, row by row
         seen : as `_unshaded` returns it; changed in place
         passed_over : (n,) pixels that need not be right
@@ -315,7 +315,7 @@ class Painter:
 
         Parameters
         ----------
-        layers : of each lit lamp, changed in place
+        layers : layers of each lit lamp, changed in place
         near_shade : (h, w) where rays to a lamp may meet something
         """
         count = len(self._offsets)

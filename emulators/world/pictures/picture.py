@@ -51,7 +51,7 @@ class Eye:
     Parameters
     ----------
     scene : that it looks at
-    number : of the camera in the scene
+    number : number of the camera in the scene
     parts : kept of machined parts, by all cameras of the scene together
     """
 
@@ -132,7 +132,7 @@ class Eye:
 
         Parameters
         ----------
-        changes : what `changes` returned for these lamps
+        changes : return value of `changes` for these lamps
         levels : level of each lamp that is lit, by its number
         """
         picture = np.zeros(self._shape, np.float32)

@@ -25,9 +25,9 @@ class Exposure:
 
     Attributes
     ----------
-    exposure_s : how long light is gathered
-    gain : of the amplifier behind it, 1 is none
-    seed : of the noise
+    exposure_s : exposure time
+    gain : gain of the amplifier behind it, 1 is none
+    seed : seed of the noise
     bits : 8, or 16 (then full scale is 65535)
     """
 

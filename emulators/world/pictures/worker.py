@@ -39,7 +39,7 @@ class Order:
     ----------
     camera : its number in the scene
     poses : T_world_* of what moves and is there
-    levels : of the lamps, by number
+    levels : levels of the lamps, by number
     """
 
     number: int
@@ -142,7 +142,7 @@ def work(
     ----------
     connection : orders and new surfaces come in, word of finished pictures goes out
     memory_name, slot_bytes : shared memory for pictures, and the room for each
-    scene : what all cameras look at
+    scene : scene of all cameras
     reap : called when the other end has hung up, which it does when it is killed
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this by hanging up

@@ -56,7 +56,7 @@ def euler_defect(boundary: Boundary, genera: Sequence[int] | NDArray[np.integer]
 
     Parameters
     ----------
-    boundary : of a solid
+    boundary : boundary of a solid
     genera : (f,) handles of each surface itself, as `face_genera` counts them; 0 for all surfaces
         unless one closes round a ring on its own
     """

@@ -32,7 +32,7 @@ class HalfEdges:
     twin : (h,) the one on the other side
     fan : (h,) number of the ring of triangles round its origin; two rings that touch in one mesh
         vertex (where a solid touches itself) count as two
-    fan_count : how many rings there are
+    fan_count : number of rings
     """
 
     origin: IntArray

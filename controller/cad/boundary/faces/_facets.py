@@ -33,7 +33,7 @@ class Facets:
     triangles, start : triangles of facet i are ``triangles[start[i]:start[i + 1]]``
     normals, centres, areas : (m, 3), (m, 3), (m,)
     a, b : (k,) facets that meet in a smooth edge, each edge once
-    lengths_mm : (k,) how long these edges are
+    lengths_mm : (k,) lengths of these edges
     rims_mm : (m,) length of all edges round each facet
     """
 

@@ -52,7 +52,7 @@ class Grower:
 
     Parameters
     ----------
-    pieces : of the part
+    pieces : pieces of the part
     max_seeds : facets that surfaces are grown from at most; then only whole runs are tried
     """
 

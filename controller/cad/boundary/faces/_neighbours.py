@@ -15,7 +15,7 @@ class Neighbours:
 
     Parameters
     ----------
-    count : of all facets
+    count : number of all facets
     a, b : (n,) facets that meet, pair by pair; either may come first, and a pair may come twice
     """
 

@@ -26,7 +26,7 @@ class Pieces:
     facets : the m facets of the part
     mesh : the part, CAD frame [mm]
     is_corner : (t, 3) which of them lie on the surface that is tessellated
-    tight_mm : how near corners have to lie to a surface guessed from few facets; never less than
+    tight_mm : largest distance of corners from a surface guessed from few facets; never less than
         `TIGHT_MM`
     """
 
@@ -59,7 +59,7 @@ class Pieces:
         ----------
         primitive : the surface, in the frame of the part
         facets : (k,) numbers of the facets asked about
-        tolerance_mm : how far a corner may be off the surface
+        tolerance_mm : largest distance of a corner from the surface
         """
         if len(facets) <= AT_ONCE:
             return self._lies_on(primitive, facets, tolerance_mm)
@@ -94,7 +94,7 @@ class Pieces:
         Parameters
         ----------
         seed : number of the facet in the middle
-        wanted : how many facets
+        wanted : number of facets wanted
         links : neighbours of each facet of the part
         free : (m,) of all facets, which may be taken
         """
@@ -126,7 +126,7 @@ class Pieces:
         facets : (k,) numbers of the facets to begin with
         links : neighbours of each facet of the part
         free : (m,) of all facets, which may be taken
-        tolerance_mm : how far a corner may be off the surface
+        tolerance_mm : largest distance of a corner from the surface
         """
         self._tick += 1
         self._seen[facets] = self._tick

@@ -30,7 +30,7 @@ def specks_absorbed(
     Parameters
     ----------
     facets : the m facets of the part
-    pieces : of the part
+    pieces : pieces of the part
     owner : (m,) surface each facet is on, a number in ``primitives``; left as it is
     primitives : the surfaces, None for one without formula
     """

@@ -38,7 +38,7 @@ def is_binary(head: bytes, size: int) -> bool:
     Parameters
     ----------
     head : the file's first bytes, `HEADER_BYTES` at least
-    size : of the file [bytes]
+    size : size of the file [bytes]
     """
     return size == HEADER_BYTES + TRIANGLE_BYTES * promised(head)
 

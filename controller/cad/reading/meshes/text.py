@@ -34,7 +34,7 @@ class MeshText:
         Parameters
         ----------
         data : UTF-8 or any code page that agrees with ASCII; UTF-16 or UTF-32 is converted
-        path : of the file, for messages
+        path : path of the file, for messages
 
         Raises
         ------
@@ -53,8 +53,8 @@ class MeshText:
         Parameters
         ----------
         at : byte of the text
-        problem : what is wrong, as it follows the line's number
-        kind : of the error
+        problem : description of the error, as it follows the line number
+        kind : kind of the error
         """
         line = self.data.count(b"\n", 0, at) + 1
         return kind(f"{self.path}: line {line}: {problem}; export it again")

@@ -48,7 +48,7 @@ def tolerances_from(
 
     Parameters
     ----------
-    found : what `_step_pmi_child` leaves
+    found : output of `_step_pmi_child`
     text : of the file
     area_mm2, mean_mm, rank : (f,), (f, 3), (f,) of the solid's faces in the file's order, and
         their ids

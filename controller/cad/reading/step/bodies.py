@@ -76,7 +76,7 @@ class Bodies:
     distinct : one for each shape, in the file's order
     others : of these shapes, with names of their own
     open_names : products whose surfaces enclose nothing
-    unit : of length, in the kernel's spelling
+    unit : unit of length, in the kernel's spelling
     missing : files it names that are not there
     is_in_code_page : whether its names are no UTF-8, and were read as code page 1252
     """
@@ -102,7 +102,7 @@ def open_bodies(path: Path, files: References, limits: KernelLimits | None = Non
 
     Parameters
     ----------
-    path : of the file, for messages
+    path : path of the file, for messages
     files : its content, with that of the files it names
     limits : on memory and time of the kernel; None for the usual ones
 

@@ -21,7 +21,7 @@ def choose(path: Path, bodies: Bodies, name: str) -> Body:
 
     Parameters
     ----------
-    path : of the file, for messages
+    path : path of the file, for messages
     bodies : of the file
     name : as `body_name` returns it
 

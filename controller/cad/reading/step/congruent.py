@@ -25,7 +25,7 @@ class Marks:
 
     Attributes
     ----------
-    volume_mm3, area_mm2 : of the body
+    volume_mm3, area_mm2 : volume and area of the body
     centroid_mm : (3,)
     moments_mm5 : (3,) principal moments, of density 1
     points_mm : (n, 3) centres of faces, points along edges, corners

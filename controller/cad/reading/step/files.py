@@ -106,10 +106,10 @@ class StepPart:
     step_face : (f,) place of each face in the file's own order, from 0; of its first piece where
         the file has it in several
     edges : with their exact curves
-    area_mm2 : of the whole surface
+    area_mm2 : area of the whole surface
     inertia_mm5 : (3, 3) about the centroid, of density 1
     tolerances : dimensions, geometric tolerances and datums; empty where the file has none
-    warnings : what could not be read, in sentences
+    warnings : sentences on what could not be read
     """
 
     solid: Solid
@@ -126,7 +126,7 @@ def read_step(path: Path, body: str | None = None) -> Solid:
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     body : name of one of its bodies, None for a file of one
 
     Raises
@@ -152,7 +152,7 @@ def read_step_part(
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     limits : on memory and time of the kernel; None for the usual ones
     body : name of one of its bodies, in the coordinates of its own product; None for a file of one
         body, as placed in the file
@@ -203,9 +203,9 @@ class BodyOfFile:
     Attributes
     ----------
     body : without a name where it is all bodies of the file in one
-    unit : of length, in the kernel's spelling
+    unit : unit of length, in the kernel's spelling
     files : the file, and those it names
-    caution : what to know of it, in a sentence
+    caution : a caution about the result, in a sentence
     """
 
     body: Body

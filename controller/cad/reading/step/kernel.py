@@ -40,7 +40,7 @@ class KernelLimits:
 
     Attributes
     ----------
-    time_s : of computing [CPU s], for a small file; large ones get `SECONDS_PER_MB` more
+    time_s : time of computing [CPU s], for a small file; large ones get `SECONDS_PER_MB` more
     memory_bytes : of data; its libraries, 250 MB, come on top
     """
 
@@ -81,7 +81,7 @@ class KernelRun:
     program : name of a module of `controller.step_kernel`, or the path of a script
     source : the file
     out : where the child leaves its arrays
-    arguments : what the program takes after file, output, memory and time
+    arguments : arguments that the program takes after file, output, memory and time
     limits : on memory and time; None for the usual ones
     """
 

@@ -154,7 +154,7 @@ class Part21:
 
         Parameters
         ----------
-        count : of the solid's faces
+        count : number of the solid's faces
         """
         shells = [record["CLOSED_SHELL"][1] for _, record in self.all_of("CLOSED_SHELL")]
         every = [face for shell in shells for face in shell]

@@ -63,7 +63,7 @@ def collect(path: Path, data: bytes) -> References:
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     data : its content
 
     Raises

@@ -59,7 +59,7 @@ def check_numbers(path: Path, text: bytes) -> None:
 
     Parameters
     ----------
-    path : of the file, for messages
+    path : path of the file, for messages
     text : as `for_kernel` returns it
 
     Raises

@@ -27,11 +27,11 @@ class United:
 
     Attributes
     ----------
-    count : of the bodies
-    piece_count : of what they make; 1 where all touch
+    count : number of the bodies
+    piece_count : number of pieces of what they make; 1 where all touch
     overlap_mm3 : by how much they run into each other
     shape : the kernel's own format, in the coordinates of the file
-    unit : of length, in the kernel's spelling
+    unit : unit of length, in the kernel's spelling
     """
 
     count: int
@@ -54,7 +54,7 @@ def unite(path: Path, files: References, limits: KernelLimits | None = None) -> 
 
     Parameters
     ----------
-    path : of the file, for messages
+    path : path of the file, for messages
     files : its content, with that of the files it names
     limits : on memory and time of the kernel; None for the usual ones
 
@@ -100,7 +100,7 @@ def touching_text(path: Path, files: References, bodies: Bodies) -> str:
 
     Parameters
     ----------
-    path : of the file
+    path : path of the file
     files : its content, with that of the files it names
     bodies : of the file
     """

@@ -60,7 +60,7 @@ def cut_edges(
 
     Parameters
     ----------
-    view, model : how the eye has the part, and the part
+    view, model : direction of view of the part, and the part
     edges : (n,) mesh edges to cut
     rims : (m,) mesh edges that may hide others
     rim_tree : `tree_of_edges` of the rims

@@ -42,7 +42,7 @@ class InspectAction:
     ----------
     compute : judges the part from its views
     steps, views, held_pose, ahead, motion, record : services
-    recoveries : what is done about a part of which too little was in sight
+    recoveries : recovery actions for a part of which too little was visible
     part_file : writes the views that the part is judged from
     """
 

@@ -21,7 +21,7 @@ class RecogniseAction:
     ----------
     compute : recognises, in the worker process
     taking : decides which of the objects is taken
-    record : of the batch; gets what was recognised
+    record : record of the batch; gets what was recognised
     """
 
     compute: Compute

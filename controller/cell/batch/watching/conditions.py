@@ -101,7 +101,7 @@ class DiskWatcher:
     Parameters
     ----------
     folder : on the disk that is watched
-    clock : of the cell
+    clock : clock of the cell
     free_bytes : returns how much room a folder's disk has
     """
 
@@ -134,7 +134,7 @@ class FixedGripperWatcher:
     ----------
     gripper : the device
     grippers, recoveries, record : services
-    clock : of the cell
+    clock : clock of the cell
     """
 
     def __init__(

@@ -39,8 +39,8 @@ class ArmWatcher:
     ----------
     arm : the device
     in_use : knows whether anything else is asked of it
-    beat_s : how long it may be idle before it is asked [cell s]
-    clock : of the cell
+    beat_s : longest idle time before it is polled [cell s]
+    clock : clock of the cell
     """
 
     def __init__(self, arm: Arm, in_use: InUse, beat_s: float, clock: CellClock) -> None:
@@ -76,9 +76,9 @@ class ModbusWatcher:
     Parameters
     ----------
     gripper, lights : the devices
-    retries : what is done about a reading that does not come
+    retries : retries of a reading that does not come
     beat_s : from one reading to the next [cell s]
-    clock : of the cell
+    clock : clock of the cell
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class LoopWatcher:
     ----------
     record : gets the row
     limit_s : a delay above it is recorded [wall s]
-    clock : of the cell
+    clock : clock of the cell
     attendance : measures; a loop with a time of its own is never late
     """
 

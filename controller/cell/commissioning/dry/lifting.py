@@ -44,10 +44,10 @@ class LiftedStep:
 
     Attributes
     ----------
-    label : of the step
+    label : label of the step
     path : waypoints (6,), from where the step before ended
     lifted_mm : least and most of what its waypoints were raised by
-    left_out : why a waypoint is not driven to, one sentence each
+    left_out : sentences on why waypoints are left out, one for each
     """
 
     label: str
@@ -79,7 +79,7 @@ def lift_plan(layout: CellLayout, plan: Plan) -> Iterator[LiftedStep]:
     Parameters
     ----------
     layout : the cell, as far as it is known
-    plan : of a part that is not there
+    plan : plan of a part that is not there
     """
     scene = dry_scene(layout)
     q = np.asarray(layout.park_q, dtype=float)

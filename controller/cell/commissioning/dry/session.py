@@ -41,7 +41,7 @@ class DryPlan:
 
     Attributes
     ----------
-    pose_index : of the stable pose that the plan begins with
+    pose_index : index of the stable pose that the plan begins with
     steps : in order; the first one begins at the park
     """
 
@@ -60,7 +60,7 @@ def dry_plan(cell: Cell, pose_index: int, plan: Plan) -> DryPlan:
     Parameters
     ----------
     cell : as far as it is known
-    pose_index : of the stable pose that the plan begins with
+    pose_index : index of the stable pose that the plan begins with
     plan : for a part that is not there
     """
     return DryPlan(pose_index, tuple(lift_plan(build_layout(cell), plan)))
@@ -152,13 +152,13 @@ class DryOrder:
 
     Attributes
     ----------
-    recipe, cell : what was planned with
+    recipe, cell : inputs of the plan
     files : SHA-256 of what was read, by path
     plans : to drive
-    emulated : what the emulator reported of itself; empty without one
-    clock : of the cell
+    emulated : report of the emulator about itself; empty without one
+    clock : clock of the cell
     runs_dir, run_id : of the run
-    by : who runs it
+    by : name of the operator
     is_stepwise : a person lets each motion begin
     """
 
@@ -179,7 +179,7 @@ class DrySession:
 
     Parameters
     ----------
-    order : what to drive
+    order : order to drive
     operator : answers for a person
     show : takes a line for whoever watches
     build : returns the drivers, given cell, addresses and clock

@@ -50,10 +50,10 @@ async def path_above(
 
     Parameters
     ----------
-    bench : of the step
+    bench : bench of the step
     scene : that has to be free
     place_mm : (3,) in the world
-    name : of the place, as a message begins
+    name : name of the place, as a message begins
     is_folded : whether the elbow may be folded so far that the arm cannot home from there
     """
     start = await bench.arm.read_q()
@@ -88,10 +88,10 @@ async def set_down(
 
     Parameters
     ----------
-    bench : of the step
+    bench : bench of the step
     path : that ends above it
-    name : of the place, as a message begins
-    text : what a person is to do
+    name : name of the place, as a message begins
+    text : instruction for a person
     order : with the same effect, to an emulated cell
 
     Returns

@@ -26,8 +26,8 @@ async def look_at_the_fingers(bench: Bench, fit: CellFit) -> TcpFit:
 
     Parameters
     ----------
-    bench : of the step, whose jaws are empty
-    fit : of cameras and arm
+    bench : bench of the step, whose jaws are empty
+    fit : fit of cameras and arm
 
     Raises
     ------

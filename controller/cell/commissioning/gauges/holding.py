@@ -37,7 +37,7 @@ async def shake(bench: Bench, held: PlateInJaws) -> None:
 
     Parameters
     ----------
-    bench : of the step
+    bench : bench of the step
     held : the plate, between the arm's jaws
 
     Raises

@@ -22,9 +22,9 @@ async def take_in_arm(bench: Bench, board: BoardSection, file: Path, seed: int) 
 
     Parameters
     ----------
-    bench : of the step, whose arm is at its park
-    board, file : of the gauge
-    seed : of how an emulated person holds it
+    bench : bench of the step, whose arm is at its park
+    board, file : board and file of the gauge
+    seed : seed of how an emulated person holds it
 
     Raises
     ------
@@ -49,8 +49,8 @@ async def give_back_from_arm(bench: Bench, board: BoardSection, file: Path) -> N
 
     Parameters
     ----------
-    bench : of the step
-    board, file : of the gauge
+    bench : bench of the step
+    board, file : board and file of the gauge
 
     Raises
     ------
@@ -68,10 +68,10 @@ async def take_in_fixed(
 
     Parameters
     ----------
-    bench : of the step, whose arm is at its park
-    board, file : of the gauge
-    seed : of how an emulated person holds it
-    force_n : of the jaws
+    bench : bench of the step, whose arm is at its park
+    board, file : board and file of the gauge
+    seed : seed of how an emulated person holds it
+    force_n : force of the jaws
 
     Raises
     ------

@@ -49,8 +49,8 @@ class Place:
     Attributes
     ----------
     along_mm, off_mm, across_mm : of the tips
-    tilt_rad : of the approach, towards the fixed gripper's +y
-    turn_rad : of the approach, about its y
+    tilt_rad : tilt of the approach, towards the fixed gripper's +y
+    turn_rad : turn of the approach, about its y
     flip : 1 or -1: the arm's y is along its y, or against it
     """
 
@@ -102,7 +102,7 @@ def plate_in_fixed(thickness_mm: float, size_mm: tuple[float, float], end_mm: fl
 
     Parameters
     ----------
-    thickness_mm : of the plate
+    thickness_mm : thickness of the plate
     size_mm : its height, along the approach, and its width
     end_mm : where its free end is
     """
@@ -117,9 +117,9 @@ def scene_about(layout: CellLayout, plate: Box, thickness_mm: float) -> Scene:
 
     Parameters
     ----------
-    layout : of the cell
+    layout : layout of the cell
     plate : at most, in the fixed gripper's frame
-    thickness_mm : of the plate, as wide as the fixed jaws are
+    thickness_mm : thickness of the plate, as wide as the fixed jaws are
     """
     T = np.asarray(layout.T_world_fixed_tcp, dtype=np.float64)
     return Scene(
@@ -135,7 +135,7 @@ def columns(layout: CellLayout, scene: Scene, end_mm: float) -> list[Column]:
 
     Parameters
     ----------
-    layout : of the cell
+    layout : layout of the cell
     scene : with the plate in it
     end_mm : where the plate's free end is, in the fixed gripper's frame
     """
@@ -196,9 +196,9 @@ class Fingers:
 
     Parameters
     ----------
-    bench : of the step
+    bench : bench of the step
     scene : with the plate in the fixed gripper
-    thickness_mm : of the plate
+    thickness_mm : thickness of the plate
     """
 
     def __init__(self, bench: Bench, scene: Scene, thickness_mm: float) -> None:

@@ -48,7 +48,7 @@ def turned_joint(arm: ArmModel, q: FloatArray, number: int, by: float) -> FloatA
     ----------
     arm : whose joints
     q : (6,)
-    number : of the joint, from 1
+    number : number of the joint, from 1
     by : degrees, mm for a slide
 
     Raises
@@ -69,7 +69,7 @@ def shifted(T_world_tcp: FloatArray, direction: str, by_mm: float) -> FloatArray
     ----------
     T_world_tcp : (4, 4)
     direction : `x`, `y` or `z` of the world, or `advance` for its approach
-    by_mm : how far
+    by_mm : distance or angle of the move
     """
     T = T_world_tcp.copy()
     along = T[:3, 0] if direction == "advance" else np.eye(3)["xyz".index(direction)]
@@ -151,7 +151,7 @@ def require_free(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> None:
 
     Parameters
     ----------
-    scene : what the arm may not touch
+    scene : obstacles of the arm
     q_from, q_to : (6,)
 
     Raises

@@ -56,7 +56,7 @@ class Reading:
     counts : of each motor's encoder, by name; empty if the arm shows none
     arm_opening_mm : None before homing
     fixed_opening_mm : as the fixed gripper reports it
-    step_mm, step_deg : how far one step goes
+    step_mm, step_deg : size of one step
     speed_percent : of the usual speed
     """
 

@@ -54,10 +54,10 @@ class JogOrder:
 
     Attributes
     ----------
-    verb : what it does
+    verb : action of the key
     what : which motor, joint, direction, gripper or lamp
     amount : mm, degrees, percent or a number; None if none was given
-    sign : of one step, where no amount was given
+    sign : sign of one step, where no amount was given
     """
 
     verb: Verb

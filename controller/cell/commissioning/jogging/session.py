@@ -201,11 +201,11 @@ class JogOrders:
     Attributes
     ----------
     cell : as calibrated so far
-    emulated : what the emulator reported of itself; empty without one
-    clock : of the cell
-    folder : of all runs, with the journal
-    by : who jogs
-    recipe : what the journal calls it
+    emulated : report of the emulator about itself; empty without one
+    clock : clock of the cell
+    folder : folder of all runs, with the journal
+    by : name of the person who jogs
+    recipe : name in the journal
     """
 
     cell: Cell
@@ -221,7 +221,7 @@ class JogSession:
 
     Parameters
     ----------
-    orders : what to know
+    orders : orders that the session understands
     pilot : gives the orders
     accept : as for `JogStep`
     build : returns the drivers, given cell, addresses and clock

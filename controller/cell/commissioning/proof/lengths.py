@@ -59,9 +59,9 @@ def length_study(
     Parameters
     ----------
     layout : as calibrated
-    board : of the plate
-    pictures : of it in the arm gripper, two at least of each of two cameras
-    T_tcp_body : (4, 4) how it is held
+    board : board of the plate
+    pictures : pictures of it in the arm gripper, two at least of each of two cameras
+    T_tcp_body : (4, 4) pose of the board in the gripper
 
     Raises
     ------

@@ -15,7 +15,7 @@ class ReachedPose:
 
     Attributes
     ----------
-    index, probability : of the stable pose
+    index, probability : index and probability of the stable pose
     pickable : share of places and turns of the drop area from which the part can be taken
     covered : share of its surface that comes in sight; None if there is no plan
     """

@@ -259,7 +259,7 @@ def panel_mask(camera: Camera, corners_mm: FloatArray) -> BoolArray:
     Parameters
     ----------
     camera : about where it stands
-    corners_mm : (4, 3) of the panel in the world, in order round it
+    corners_mm : (4, 3) corners of the panel in the world, in order round it
     """
     middle = corners_mm.mean(axis=0)
     inner = middle + 0.9 * (corners_mm - middle)  # the camera may stand some mm and degrees off

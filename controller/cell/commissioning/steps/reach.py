@@ -88,7 +88,7 @@ def judge(bench: Bench, recipe: Path, found: RecipeReach) -> None:
 
     Parameters
     ----------
-    bench : of the step
+    bench : bench of the step
     recipe : its file
     found : of it
     """

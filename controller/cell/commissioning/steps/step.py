@@ -15,7 +15,7 @@ class Step(Protocol):
     Attributes
     ----------
     name : in one word
-    title : what it finds out
+    title : result of the step, as a title
     needs : steps that have to be done before it
     uses : calibrations whose values it relies on
     makes : calibrations that it writes; it starts from the drawing's values in their place
@@ -47,7 +47,7 @@ class Step(Protocol):
 
         Raises
         ------
-        StepFailedError : what is there is not what should be
+        StepFailedError : The state found is not the one required.
         CellError, DeviceError : the cell or a device does not allow it
         """
         ...

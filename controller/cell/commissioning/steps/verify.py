@@ -162,8 +162,8 @@ def holds_of(bench: Bench, board: BoardSection, pictures: Sequence[BoardPicture]
     Parameters
     ----------
     bench : whose layout has cameras and arm
-    board : of the plate
-    pictures : of it in the arm gripper
+    board : board of the plate
+    pictures : pictures of it in the arm gripper
 
     Raises
     ------
@@ -200,8 +200,8 @@ def plate_offs(
     Parameters
     ----------
     bench : whose layout predicts it
-    board : of the plate
-    pictures : of one hold of it, by both cameras
+    board : board of the plate
+    pictures : pictures of one hold of it, by both cameras
 
     Raises
     ------

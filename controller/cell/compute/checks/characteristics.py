@@ -38,7 +38,7 @@ def check_characteristics(
     Parameters
     ----------
     recipe_path : for messages
-    recipe, cell, part : what is asked, who measures, of what
+    recipe, cell, part : recipe, cell, and part to measure
 
     Raises
     ------

@@ -48,7 +48,7 @@ class CheckedPose:
 
     Attributes
     ----------
-    remarks : what else is known of it, in words: it rolls, it is barely stable
+    remarks : further remarks in words: it rolls, it is barely stable
     is_served : whether its plan shows as much as the recipe requires
     """
 
@@ -66,7 +66,7 @@ class Checked:
     ----------
     poses : those planned ahead
     problems : one sentence for each reason why it cannot; empty if it can
-    characteristics : what is measured of the part, and how well this cell can
+    characteristics : characteristics to measure on the part, and the capability of this cell
     met_later : stable poses that are planned when a part comes to lie so
     unseen_faces : faces that come next to not in sight in any plan, by id, with the reason; those
         that the recipe leaves out are not among them

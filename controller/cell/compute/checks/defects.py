@@ -12,7 +12,7 @@ def check_defects(recipe: Recipe, cell: Cell) -> tuple[str, ...]:
 
     Parameters
     ----------
-    recipe, cell : what is asked, who looks
+    recipe, cell : recipe and cell in question
     """
     mm_per_px = station_of(cell).mm_per_px
     least = {kind: least_mm(kind, mm_per_px) for kind in recipe.inspection.find}

@@ -34,8 +34,8 @@ class Endpoint:
 
     Attributes
     ----------
-    method, path : of the request
-    summary : what it does
+    method, path : method and path of the request
+    summary : one-line summary
     takes : model of the request's body, None if it has none
     returns : model of the answer's body where the request was taken
     call : does it
@@ -57,7 +57,7 @@ class Control:
     Parameters
     ----------
     run : its name
-    holder : who has the cell's lock
+    holder : holder of the cell's lock
     desk : has the open question
     """
 

@@ -68,9 +68,10 @@ async def serving(
 
     Parameters
     ----------
-    path : of the socket, in a folder of this user alone; one left by a killed process is replaced
+    path : path of the socket, in a folder of this user alone; one left by a killed process is
+        replaced
     handle : takes peer, method, path and body, returns HTTP status and body (JSON)
-    stops : how requests begin that stop the cell
+    stops : first bytes of the requests that stop the cell
 
     Raises
     ------

@@ -23,7 +23,7 @@ async def settled_signal(io: IoBlock, name: str, clock: CellClock) -> Signal:
     Parameters
     ----------
     io : the I/O block that reads it; just connected
-    name : of the signal
+    name : name of the signal
     clock : the cell's
     """
     # the wait for an unhealthy signal times out
@@ -41,7 +41,7 @@ def check_interlocks(
     Parameters
     ----------
     io : the I/O block that reads the safety copies
-    rules : of the cell
+    rules : rules of the cell
     is_person_inside : a person holds the part by hand, so the door may be open
 
     Raises

@@ -36,8 +36,8 @@ class Rule:
     checks : when it is checked
     admits_unknown : a requirement that is neither known to be true nor false is let pass
     holds : a violation holds the run until a person acknowledges it; it does not end the run
-    words : what happened, and what to do
-    code : of its alarm
+    words : event, and what to do about it
+    code : code of its alarm
     """
 
     name: str
@@ -60,7 +60,7 @@ class Violation:
     Attributes
     ----------
     rule : which
-    value : of its requirement: false, or unknown
+    value : value of its requirement: false, or unknown
     unknown : facts of the requirement that are not known
     """
 
@@ -155,9 +155,9 @@ def first_violation(rules: Iterable[Rule], check: Check, facts: Facts) -> Violat
 
     Parameters
     ----------
-    rules : of the cell
+    rules : rules of the cell
     check : which of them are checked now
-    facts : what is known; a fact that is not given is unknown
+    facts : known facts; a fact that is not given is unknown
     """
     for rule in rules:
         if check not in rule.checks or truth_of(rule.when, facts) is Truth.FALSE:

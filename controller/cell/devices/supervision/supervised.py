@@ -36,7 +36,7 @@ class Callers:
     Attributes
     ----------
     listening : socket that they connect to
-    stops : how their requests begin that stop the cell
+    stops : first bytes of the requests that stop the cell
     take : serves a connection that the supervisor has accepted
     """
 
@@ -51,9 +51,9 @@ class Supervised:
     Parameters
     ----------
     devices : some of which can be stopped in our place
-    clock : of the cell, by which heartbeats are missed
+    clock : clock of the cell, by which heartbeats are missed
     clock_path : of its file, where it is shared; empty for the wall clock
-    may_move : whether anything may move now
+    may_move : True if anything may move now
     on_stopped : called with a sentence once the supervisor has stopped the cell, or has ended
     callers : may order a stop meanwhile; None if nobody can call
 

@@ -208,7 +208,7 @@ def label_of(
 
     Parameters
     ----------
-    number : of the part
+    number : number of the part
     serials, lot : that the run began with
     resumed, identified : the last of these rows of the part, None without
     """

@@ -35,7 +35,7 @@ def read_row(kind: str, name: str, body: Json) -> Body | None:
 
     Parameters
     ----------
-    kind, name : of the row
+    kind, name : kind and name of the row
     body : as the journal keeps it
 
     Raises

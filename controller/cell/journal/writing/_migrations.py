@@ -24,7 +24,7 @@ def migrate(db: sqlite3.Connection, version: int) -> None:
     Parameters
     ----------
     db : open for writing, in autocommit mode
-    version : of the file now
+    version : version of the file now
     """
     steps = "".join(MIGRATIONS[version:])
     try:

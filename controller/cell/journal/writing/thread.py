@@ -31,7 +31,7 @@ class Entry:
 
     Attributes
     ----------
-    kind, name, text, part : of the row; its body as JSON
+    kind, name, text, part : kind, name, text and part of the row; its body as JSON
     full : it is on the disk before it counts as written
     stamp : date (UTC, ISO) and instant of the monotonic clock [s]; None: when it is written
     about : the run that it is added to; empty for the one that writes
@@ -65,7 +65,7 @@ class WriterThread:
 
     Parameters
     ----------
-    path : of the journal, for messages
+    path : path of the journal, for messages
     write : appends one entry to the file and returns its number
     close : closes the file
     on_failure : called once, from any thread, with the error that ends writing

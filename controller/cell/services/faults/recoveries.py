@@ -60,9 +60,9 @@ class Recoveries:
 
     Parameters
     ----------
-    record : of the batch; keeps what was recovered from, and what the batch learns
+    record : record of the batch; keeps what was recovered from, and what the batch learns
     policy : returns that of the cell and of the recipe of the part at hand
-    clock : of the cell
+    clock : clock of the cell
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class Recoveries:
         Parameters
         ----------
         source : which
-        reason : what happened
+        reason : description of the event
         """
         demotion = self._record.budgets.fail(source, reason)
         if demotion is not None:

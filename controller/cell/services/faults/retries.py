@@ -29,7 +29,7 @@ class Retries:
     ----------
     record : journals each retry with the error before it
     policy : returns that of the cell and of the recipe of the part at hand
-    clock : of the cell
+    clock : clock of the cell
     """
 
     def __init__(
@@ -51,8 +51,8 @@ class Retries:
         Parameters
         ----------
         kind : the class of fault
-        name : of the device, for the journal
-        action : what to do; to do it twice must change nothing
+        name : name of the device, for the journal
+        action : action to take; must be safe to repeat
         mend : connects the device again
 
         Raises

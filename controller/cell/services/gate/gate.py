@@ -33,9 +33,9 @@ class NextMotion:
 
     Attributes
     ----------
-    words : what it is, for people
+    words : description of the motion, for people
     origin, goal : (k,) joints or opening where it begins and ends, rounded, for the record
-    tcp_mm, turn_deg : how far the TCP goes and turns
+    tcp_mm, turn_deg : distance of the TCP, and angle
     seconds : forecast [cell s]
     """
 
@@ -68,7 +68,7 @@ class Gate:
     Parameters
     ----------
     permits : required of whatever passes
-    clock : of the cell
+    clock : clock of the cell
     approve : awaited before each motion; None where motions need nobody's word
 
     Attributes
@@ -284,7 +284,7 @@ class Gate:
 
         Parameters
         ----------
-        kind : of the pause
+        kind : kind of the pause
         """
         movers = self.movers
         now_s = JAWS_S if movers - {Mover.ARM} else STOP_RAMP_S if movers else 0.0

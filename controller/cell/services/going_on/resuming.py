@@ -28,8 +28,8 @@ class Resumption:
     Attributes
     ----------
     record, motion, stored_views : take it over
-    labels : of this run, some of which parts of the interrupted run have
-    accepted : what may be done, None if the run begins as usual
+    labels : labels of this run, some of which parts of the interrupted run have
+    accepted : permitted ways to go on; None if the run begins as usual
     source : folder of the interrupted run
     product : that the part is of
     """
@@ -47,7 +47,7 @@ class Resumption:
 
         Parameters
         ----------
-        proposal : what may be done with it
+        proposal : permitted ways to go on with it
         source : folder of that run
         product : of this run that the part is of
         """

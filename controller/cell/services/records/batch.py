@@ -27,10 +27,10 @@ class BatchRecord:
 
     Parameters
     ----------
-    journal : of the run
-    progress, on_progress : what the operator sees; called after each change of it
-    trays : what stands in them; None if nobody counts
-    products : of the batch, in the order given; none where no part is worked on
+    journal : journal of the run
+    progress, on_progress : state shown to the operator; called after each change of it
+    trays : contents of the trays; None without counting
+    products : products of the batch, in the order given; none where no part is worked on
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class BatchRecord:
         Parameters
         ----------
         product : that it is of
-        serial, lot : of the part; empty if it has none
+        serial, lot : serial and lot of the part; empty if it has none
         """
         part = self.part
         if (part.product, part.serial, part.lot) == (product, serial, lot):
@@ -162,7 +162,7 @@ class BatchRecord:
         Parameters
         ----------
         tray : the tray's name
-        name : of the part, as its recipe has it
+        name : name of the part, as its recipe has it
         T_world_part : (4, 4) as it was put there
         """
         nest = self.trays.next_nest(tray)
@@ -235,9 +235,9 @@ class BatchRecord:
         Parameters
         ----------
         recovery : the fault, and what is done about it
-        words : what is done, for the operator
+        words : current activity, for the operator
         source : the grasp or view that failed, as budgets name it; empty for none
-        code : of the fault's alarm; empty if nothing is wrong with the cell
+        code : code of the fault's alarm; empty if nothing is wrong with the cell
         """
         part = self.part
         part.recoveries.append(recovery)
@@ -273,8 +273,8 @@ class BatchRecord:
         Parameters
         ----------
         state : its name
-        is_at_work : whether the plan goes on in it; otherwise how long it takes is not shown
-        is_same_work : what is being done stays the same, only paused or resumed
+        is_at_work : True while the plan makes progress; otherwise its remaining time is not shown
+        is_same_work : True if the activity is the same as before, only paused or resumed
         """
         if state != self._progress.state and not is_same_work:
             self._progress.label = ""
@@ -297,7 +297,7 @@ class BatchRecord:
         Parameters
         ----------
         run : the other run
-        number : of the part in it
+        number : number of the part in it
         """
         self._journal.write_about(run, rows.PartFollowed(run=self._journal.run), number)
 

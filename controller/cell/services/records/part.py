@@ -29,7 +29,7 @@ class PartInGripper:
     opening_mm : opening of the jaws on the part
     is_measured : whether a view has confirmed it
     number : counts the arm gripper's grasps of this part
-    unconfirmed_count : how many views in a row could not confirm it
+    unconfirmed_count : number of views in a row that could not confirm it
     """
 
     grasp: Grasp
@@ -50,9 +50,9 @@ class Shown:
     q : (6,) where the arm stood
     expected : (4, 4) where the part should have been
     backlit : its picture before the backlight panel
-    lamps : of its lit pictures
+    lamps : lamps of its lit pictures
     is_hold_measured : the expected pose was measured in an earlier view
-    T_part_tcp : (4, 4) how it was held by then; None for a part on the table
+    T_part_tcp : (4, 4) grasp at that time; None for a part on the table
     task : the result
     located : where it shows the part, known sooner; None to take it from the result
     """
@@ -93,22 +93,22 @@ class PartRecord:
     product : which of the batch it is of; None until it was recognised
     serial, lot : empty if it has none
     scanned : serial number that was read off it before it was looked at
-    pictures, picture_names : of the last look at the table
-    look_count : how often the table was looked at
+    pictures, picture_names : pictures and picture names of the last look at the table
+    look_count : number of looks at the table
     seen : all that was on the table at the last look
-    alternatives : what else it may be, by the pictures of the table
-    neighbours : what else was on the table at the last look; it stays there
+    alternatives : other hypotheses from the pictures of the table
+    neighbours : other objects on the table at the last look; they stay there
     plan_ahead : made while the arm had the part before; None if there is none that holds
     plan, next_step : the plan being followed, and the number of its next step
-    plan_count : how many plans were made
-    hold : how the arm gripper holds it, None if that is empty
-    hold_count : how often the arm gripper took it, or was about to
-    fixed_grasp : how the fixed gripper holds it, as measured; None if that is empty
+    plan_count : number of plans made
+    hold : grasp in the arm gripper; None if it is empty
+    hold_count : number of times that the arm gripper took it, or was about to
+    fixed_grasp : grasp in the fixed gripper, as measured; None if it is empty
     pending : views whose results are not known yet
     unlearned : views of which nobody has asked yet where they show the part
-    results : of all views, of earlier plans too
+    results : results of all views, of earlier plans too
     judged : the views that they are of
-    files : of the pictures of each view, by lamp
+    files : files of the pictures of each view, by lamp
     planned : by view, which samples (n,) it was planned to show
     recoveries : part faults that the cell has set out to recover from
     avoid : ids of grasps that have failed

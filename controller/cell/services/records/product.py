@@ -18,7 +18,7 @@ def inputs_of(number: int) -> Path:
 
     Parameters
     ----------
-    number : of the recipe in its order, from 0
+    number : number of the recipe in its order, from 0
     """
     return Path(INPUTS) if number == 0 else Path(INPUTS) / f"{number + 1}"
 
@@ -34,7 +34,7 @@ class Product:
     count : parts that were ordered
     compute : the compute service for parts of this recipe
     policy : about faults, of the cell and the recipe
-    budgets : what the batch learns of the grasps and views of its parts
+    budgets : budgets learned in the batch for the grasps and views of its parts
     ahead : the same service by a worker process that nothing waits for; None for none
     """
 

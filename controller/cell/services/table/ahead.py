@@ -46,7 +46,7 @@ class Foreseen:
     ----------
     product : that it is of
     one : the part, as it was seen
-    around : what else the plan keeps clear of
+    around : other objects that the plan avoids
     turns_deg : of the part and of each neighbour, the turns that nobody can see
     avoid : grasps that the plan does without
     plan : from there
@@ -138,7 +138,7 @@ class LookAhead:
 
     Parameters
     ----------
-    record : of the batch; its products have the services that work ahead
+    record : record of the batch; its products have the services that work ahead
     """
 
     def __init__(self, record: BatchRecord) -> None:

@@ -26,11 +26,11 @@ class Wanted:
 
     Attributes
     ----------
-    names : of the parts of which some are left to do; of the part alone that is sought again
+    names : names of the parts that still have work left; of the part alone that is sought again
     is_sought_again : it was on the table, or in a gripper, before
-    neighbours : what else was on the table then
-    serials : what the next part of a name is to be called, where that is known before it is taken
-    scanned : what the part that came last is called, as read off it; empty for none
+    neighbours : other objects on the table at that time
+    serials : serial of the next part by recipe name, where it is known before the part is taken
+    scanned : serial read off the latest part; empty for none
     batch : names of all parts of the batch, also those of which enough are done
     """
 
@@ -76,7 +76,7 @@ def candidates(
     Parameters
     ----------
     seen : all objects on the table
-    wanted : what is looked for
+    wanted : object wanted
     left : parts that cannot be taken as they lie; tried again where nothing else is left, and
         something beside them is gone
 
@@ -171,7 +171,7 @@ def chosen(
     ----------
     seen : all objects on the table
     among : numbers of those that may be taken, at least one
-    pickable : how each object seen could be taken from among the others
+    pickable : grasps that would take each visible object from among the others
 
     Raises
     ------

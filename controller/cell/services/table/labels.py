@@ -173,7 +173,7 @@ class Labels:
 
         Parameters
         ----------
-        serial : of the part that goes on in this run; empty if it has none
+        serial : serial of the part that goes on in this run; empty if it has none
         others : of the other parts of that run
         """
         done = set(others) - {serial}

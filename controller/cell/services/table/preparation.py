@@ -30,7 +30,7 @@ class Preparation:
 
         Parameters
         ----------
-        number : of the recipe in its order, from 0
+        number : number of the recipe in its order, from 0
         """
         task = self._tasks.get(number)
         if task is not None:

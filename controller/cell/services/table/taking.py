@@ -21,7 +21,7 @@ class Taking:
 
     Attributes
     ----------
-    record : of the batch; gets what is taken
+    record : record of the batch; gets what is taken
     labels : which serial number and lot it gets
     left : parts of the batch that cannot be taken as they lie
     ahead : has the next part planned beside the one at hand
@@ -85,7 +85,7 @@ class Taking:
 
         Parameters
         ----------
-        reason : why it cannot be taken
+        reason : reason why it cannot be taken
         """
         part = self.record.part
         if not self._is_untouched or part.scanned or len(part.seen) < 2:

@@ -42,7 +42,7 @@ class Background:
 
         Parameters
         ----------
-        question : of the compute service
+        question : question of the compute service
         *args, **kwargs : its arguments
         """
         async with self._lane:
@@ -65,13 +65,13 @@ def judge_held(
     Parameters
     ----------
     compute : judges it
-    background : what does not hold up the arm is asked there
+    background : queue for questions that do not hold up the arm
     layout : where camera, arm and fixed gripper stand
     view : its name
     hold : in which it was taken; learns from the result
     q : (6,) where the arm stood
     backlit, lit : pictures before the backlight panel, and by lamp
-    by_then : how the part was held as far as was known then, None for what `hold` knows
+    by_then : grasp as known at that time; None for the one in `hold`
     """
     known = hold if by_then is None else by_then
     expected = shown_pose(layout, q, known.T_part_tcp)

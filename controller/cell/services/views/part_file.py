@@ -55,9 +55,9 @@ class PartFile:
 
     Attributes
     ----------
-    cell, layout : of the run
-    folder : of the run
-    calibration : what of the cell's calibrations no longer counts
+    cell, layout : cell and layout of the run
+    folder : folder of the run
+    calibration : calibrations of the cell that no longer count
     """
 
     cell: Cell

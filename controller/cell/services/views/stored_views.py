@@ -31,9 +31,9 @@ class StoredViews:
     ----------
     record : gets the views as views being judged
     compute : judges them
-    background : what does not hold up the arm is asked there
+    background : queue for questions that do not hold up the arm
     layout : where camera, arm and fixed gripper stand
-    folder : of this run
+    folder : folder of this run
     """
 
     record: BatchRecord

@@ -44,7 +44,7 @@ class Views:
     ----------
     record : keeps the results with the part
     compute : judges the pictures
-    background : what does not hold up the arm is asked there
+    background : queue for questions that do not hold up the arm
     layout : where camera, arm and fixed gripper stand
     """
 
@@ -117,7 +117,7 @@ class Views:
         Parameters
         ----------
         view : its name
-        step : of the plan
+        step : step of the plan
         backlit, lit : pictures of the light table, and by lamp
         """
         sighting = self._record.part.sighting

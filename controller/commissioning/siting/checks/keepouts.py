@@ -62,7 +62,7 @@ def why_not_here(
     fellows : obstacles that move with camera and fixed gripper
     keep_free_mm : (2, 2) rows x and y of the table's backlit area; None for the area of the table
         that the overhead camera sees
-    look : whether the inspection camera's picture must be free
+    look : inspection camera whose picture must be free
     """
     area = glowing_area(layout) if keep_free_mm is None else np.asarray(keep_free_mm, float)
     posts, hanging = standing_boxes(layout, fellows)

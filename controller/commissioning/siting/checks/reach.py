@@ -125,7 +125,7 @@ def met_grasps(
     ----------
     layout : the cell with its arm
     T_world_fixed_tcp : (4, 4) pose of the fixed gripper's TCP
-    T_fixed_tcp : (f, g, 4, 4) of `meetings`
+    T_fixed_tcp : (f, g, 4, 4) pose of `meetings`
     """
     T_hold = T_world_fixed_tcp @ T_fixed_tcp.reshape(-1, 4, 4)
     ahead = T_world_fixed_tcp[:3, 0]

@@ -22,7 +22,7 @@ def links_in_sight(layout: CellLayout, q: FloatArray, radius_mm: float) -> BoolA
     ----------
     layout : the cell, with inspection camera and station
     q : (n, 6) rows of joints
-    radius_mm : of the ball
+    radius_mm : radius of the ball
     """
     if len(q) == 0:
         return np.zeros(0, dtype=bool)

@@ -67,7 +67,7 @@ def fixed_gripper_frame(
 
     Parameters
     ----------
-    position_mm : (3,) of its TCP in the world
+    position_mm : (3,) position of its TCP in the world
     approach : (3,) unit, its x in the world
     jaws : (3,) unit, its y, along which the pads open; square to the approach
     """
@@ -102,8 +102,8 @@ def camera_steps(site: CellSite, step_mm: float, step_deg: float) -> Iterator[Ce
     Parameters
     ----------
     site : to step away from
-    step_mm : of the station, along each axis of the world, both ways
-    step_deg : of the side the camera is on, in azimuth and elevation
+    step_mm : step of the station, along each axis of the world, both ways
+    step_deg : step of the side the camera is on, in azimuth and elevation
     """
     for offset in np.vstack([np.eye(3), -np.eye(3)]) * step_mm:
         yield replace(site, station_mm=site.station_mm + offset)

@@ -36,7 +36,7 @@ def find_sites(
     ----------
     parts : of `prepare_part` in this layout
     layout : arm, table and overhead camera stay; the camera keeps its distance from the station
-    options : how much is tried; None for the defaults
+    options : extent of the search; None for the defaults
     progress : called with the name of the step, steps done and steps in all
 
     Raises

@@ -70,9 +70,10 @@ class Contacts:
     middle : (2, n, 2) centre of each contact in its pad's plane
     radius : (n,) mean distance of the contacts' cells from their centres
     slope : (n,) larger of the two tangents between pad and mean wall normal
-    height : (2, n, m) how far towards its pad the surface comes at each cell, -inf where there is
-        none; the first touch is at the largest
-    gradient : (2, n, m, 2) of the height along the pad's two axes; (2, n, 0, 2) if not asked for
+    height : (2, n, m) height of the surface towards its pad at each cell, -inf where there is none;
+        the first touch is at the largest
+    gradient : (2, n, m, 2) gradient of the height along the pad's two axes; (2, n, 0, 2) if not
+        asked for
     touch : (2, n, m) which cells of the grid carry; first is the pad on +y
     """
 

@@ -47,7 +47,7 @@ def loads(
     contacts : n, closed
     grid : the rays of a pad they were closed with
     centroid_mm : (3,) CAD frame
-    weight_n : of the part
+    weight_n : weight of the part
     force_n : with which the pads press
     inner : (n,) the pads are the fingers' backs
     rules : friction
@@ -121,7 +121,7 @@ def least_load(
     Parameters
     ----------
     d_mm : (n,) from the centre of mass to the jaws' axis
-    weight_n : of the part
+    weight_n : weight of the part
     force_n : with which the pads press
     grid : the rays of a pad; gives its size
     rules : friction

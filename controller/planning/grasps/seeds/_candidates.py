@@ -46,7 +46,7 @@ def candidates(
     seeds : where to try
     jaw : the gripper that is to hold it
     downs : (k, 3) unit, the way down in the CAD frame, of each stable pose
-    rules : how many approaches, and what is kept of the full opening
+    rules : number of approaches, and the opening to keep
     """
     able = np.where(
         seeds.inner,

@@ -40,7 +40,7 @@ def from_above(
     caster : rays against its mesh
     down : (3,) unit, the way down in the CAD frame
     jaw : the gripper that is to hold it
-    rules : what is kept of the full opening
+    rules : opening to keep
     clearance_mm : kept of the table beside the usual margin
     """
     hull = solid.hull_mm

@@ -32,8 +32,8 @@ class Seeds:
     axis : (n, 3) unit vectors
     gap : (n,) mm between the walls
     inner : (n,) the jaw spreads between them
-    samples : of the part's surface
-    face_pairs : how many pairs of planar faces are exactly opposed
+    samples : samples of the part's surface
+    face_pairs : number of exactly opposed pairs of planar faces
     widest_mm : of jaws these seeds are for
     """
 
@@ -59,10 +59,10 @@ def find_seeds(
     Parameters
     ----------
     solid : the part
-    samples : of its surface
+    samples : samples of its surface
     caster : rays against its mesh
     widest_mm : largest distance of two walls that are held from outside
-    rules : how many seeds, and the friction by which two walls count as opposed
+    rules : number of seeds, and the friction by which two walls count as opposed
     spreading : jaws; those that can spread get seeds inside bores and channels
     """
     low, high = _spread_widths(spreading, rules)

@@ -87,7 +87,7 @@ def with_directions(
 
     Parameters
     ----------
-    table : of the samples
+    table : table of the samples
     vectors : (k, 3) to be added
     solid, samples, caster, rules : as `look_out`
     """
@@ -120,9 +120,9 @@ def look_out(
     Parameters
     ----------
     solid : the part
-    samples : of its surface
+    samples : samples of its surface
     caster : rays against its mesh
-    rules : how the camera stands, and what it asks of a surface
+    rules : camera distance, and the limits on a surface's incidence
     count : directions spread evenly, before those that are added
     """
     base = candidate_directions(solid, count)
@@ -243,7 +243,7 @@ def hidden_ones(
     solid : the part
     samples : n, of its surface
     caster : rays against its mesh
-    rules : how the camera stands, and what it asks of a surface
+    rules : camera distance, and the limits on a surface's incidence
     directions : (v, 3) those that plans choose from
     """
     n = len(samples.points_mm)
@@ -290,7 +290,7 @@ def directions_into_wedges(
     solid : the part
     samples : n, of its surface, that no direction known so far shows
     caster : rays against its mesh
-    rules : how the camera stands, and what it asks of a surface
+    rules : camera distance, and the limits on a surface's incidence
     worth : (n,) of each sample; directions that show less than 1 in all are left
     """
     n = len(samples.points_mm)
@@ -337,7 +337,7 @@ def _chosen(shows: BoolArray, short: IntArray, bare: BoolArray, most: int) -> li
     Parameters
     ----------
     shows : (d, n)
-    short : (n,) how many more a spot wants
+    short : (n,) number of further views that a sample needs
     bare : (n,) it has none yet
     most : directions to add for spots that have one; those that have none get theirs regardless
     """

@@ -34,9 +34,9 @@ def closest_free(
     Parameters
     ----------
     solid : the part
-    samples : of its surface
+    samples : samples of its surface
     caster : rays against its mesh
-    rules : how far the camera stands, and up to which incidence it counts
+    rules : camera distance, and the largest incidence that counts
     member : (k,) numbers of the samples looked at
     """
     tilts = rules.max_incidence_rad - INSIDE_RAD[rules.max_incidence_rad > INSIDE_RAD]
@@ -74,7 +74,7 @@ def eyes_along(
     solid : the part, its centre of mass in the middle of the sphere
     points : (n, 3) where the lines begin, CAD frame [mm]
     along : (n, 3) unit, the directions of the lines
-    rules : how far the camera stands
+    rules : camera distance
     """
     offset = points - solid.centroid_mm
     half = np.einsum("ij,ij->i", offset, along)

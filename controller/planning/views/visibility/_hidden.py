@@ -24,7 +24,7 @@ def why_hidden(
     Parameters
     ----------
     solid : the part; its faces are named
-    evidence : what was looked for
+    evidence : object of the search
     piece : (n,) the samples asked about, at least one
     max_incidence_deg : up to which a sample counts as seen
     """

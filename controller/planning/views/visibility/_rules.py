@@ -78,7 +78,7 @@ class VisibilityRules:
 
         Parameters
         ----------
-        cosine : (...) of the incidence
+        cosine : (...) cosine of the incidence
         depth_mm : (2, ...) least and greatest depth
         """
         return np.asarray(

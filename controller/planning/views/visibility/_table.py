@@ -30,7 +30,7 @@ def table_views(
     ----------
     samples : n, of the part's surface
     T_world_part : (k, 4, 4)
-    caster : of the part's mesh, in the CAD frame
+    caster : caster of the part's mesh, in the CAD frame
     camera : calibrated, in the world's frame
     sharp_mm : depths along its axis between which the picture is sharp
     max_incidence_rad : up to which a surface counts as seen

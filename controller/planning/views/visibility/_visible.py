@@ -47,7 +47,7 @@ def visible_from(
     samples : n, of its surface
     caster : rays against its mesh
     vectors : (v, 3) unit, from the part to the camera, CAD frame
-    rules : how the camera stands, and what it asks of a surface
+    rules : camera distance, and the limits on a surface's incidence
     """
     visible = np.zeros((len(vectors), len(samples.points_mm)), dtype=bool)
     from_com = samples.points_mm - solid.centroid_mm
@@ -97,7 +97,7 @@ def free_pairs(
 
     Parameters
     ----------
-    samples : of the surface, CAD frame
+    samples : samples of the surface, CAD frame
     caster : rays against the part's mesh
     member : (k,) numbers of samples
     eyes : (k, 3) a position of the camera for each, CAD frame [mm]

@@ -101,7 +101,7 @@ def extended(
     ----------
     lines : as found from cell to cell
     points, normals : (m, 2) edge points that are of no line [px of the plane]
-    tol : how far an edge point may be off its line
+    tol : largest distance of an edge point from its line
     """
     ends = lines.ends.copy()
     length = np.hypot(*(ends[:, 1] - ends[:, 0]).T)

@@ -58,7 +58,7 @@ def find_circles(
     pieces : lines of cells
     owner : (n,) piece each point is of, -1 if none
     bent : pieces that are of no long line
-    tol : what is an arc
+    tol : thresholds of an arc
     """
     circle_of = np.full(len(points), -1, dtype=np.int64)
     x, y = (np.ascontiguousarray(c) for c in points.T)

@@ -44,7 +44,7 @@ def find_corners(segments: FloatArray, reach: float, min_rad: float) -> Corners:
     Parameters
     ----------
     segments : (n, 4) x0 y0 x1 y1
-    reach : how far ends may be from where their lines meet, in the same unit
+    reach : largest distance of ends from the point where their lines meet, in the same unit
     min_rad : lines that bend by less are one curve
     """
     count = len(segments)
@@ -86,7 +86,7 @@ def find_junctions(segments: FloatArray, corners: Corners, reach: float) -> Junc
     ----------
     segments : (n, 4) x0 y0 x1 y1
     corners : `find_corners` of them
-    reach : how far an end may be from the line it meets, in the same unit
+    reach : largest distance of an end from the line it meets, in the same unit
     """
     count = len(segments)
     key = corners.lines * 2 + corners.ends

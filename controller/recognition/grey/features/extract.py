@@ -45,9 +45,9 @@ class ImageFeatures:
     Attributes
     ----------
     lines_mm : (n, 4) x0 y0 x1 y1, longest first, the brighter side to the right of that way
-    corners, junctions : of those lines
+    corners, junctions : corners and junctions of those lines
     circles : and arcs, best covered first
-    edgelets : of all that is seen, the short and bent included
+    edgelets : edgelets of all that is seen, the short and bent included
     pitch_mm : a mean pixel
     """
 
@@ -68,7 +68,7 @@ def image_features(
     ----------
     grey : (height, width) uint8, an object's box or a whole picture
     to_plane : takes pixels (n, 2) of this picture, x before y, to the table plane (n, 2 or more)
-    tol : what is an edge, a line, an arc; None for the defaults
+    tol : thresholds of edges, lines and arcs; None for the defaults
 
     Raises
     ------

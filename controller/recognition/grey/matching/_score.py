@@ -51,9 +51,9 @@ def edge_map(edgelets: Edgelets, foot_mm: FloatArray, tol: GreyTolerances) -> Ed
 
     Parameters
     ----------
-    edgelets : of the picture, table plane [mm]; at least one
+    edgelets : edgelets of the picture, table plane [mm]; at least one
     foot_mm : (2,) point of the table below the camera, which the map is about
-    tol : how far from a position edges are looked for, and how far a match may lean
+    tol : range of the search for edges about a position, and the largest angle of a match
     """
     points = edgelets.points_mm - foot_mm
     reach = int(np.ceil(tol.reach_mm / CELL_MM))
@@ -156,7 +156,7 @@ def fitted(
     seen : the picture's edgelets
     index : the views
     poses : (n, 4) view, turn [rad] and shift [mm] about the camera's foot; left as they are
-    tol : how far away an edge may be
+    tol : largest distance of an edge
     """
     poses = poses.copy()
     pieces = index.edgelets(poses[:, 0].astype(np.int64), 0, ASKED)
@@ -189,7 +189,7 @@ def rated(seen: EdgeMap, index: FeatureIndex, poses: FloatArray, tol: GreyTolera
     seen : the picture's edgelets
     index : the views
     poses : (n, 4) view, turn [rad] and shift [mm] about the camera's foot, `fitted`
-    tol : how far off and how oblique a match may be
+    tol : largest distance and obliqueness of a match
     """
     model = poses[:, 0].astype(np.int64)
     pieces = index.edgelets(model)

@@ -39,12 +39,12 @@ class ViewHypothesis:
 
     Attributes
     ----------
-    model_index : of the views given
+    model_index : index of the model of the views given
     turn_rad : anticlockwise from above
-    shift_mm : (2,) of the view's origin, on the table
+    shift_mm : (2,) shift of the view's origin, on the table
     score : 0..1, share of the edges on both sides that are found on the other
-    model_share, image_share : of the view's edges found; of the picture's edges explained, the mean
-        of those there and of all
+    model_share, image_share : model share and image share of the view's edges found; of the
+        picture's edges explained, the mean of those there and of all
     """
 
     model_index: int
@@ -71,7 +71,7 @@ def propose(
     models : a library's views; an index of them is worth keeping
     foot_mm : the point of the table plane below the camera, which tall parts lean away from
     most : hypotheses returned
-    tol : how near features have to agree; None for the defaults
+    tol : tolerances on features that match; None for the defaults
 
     Returns
     -------
@@ -268,7 +268,7 @@ def hypothesis_of(pose: FloatArray, score: FloatArray, foot: FloatArray) -> View
     Parameters
     ----------
     pose : (4,) view, turn [rad] and shift [mm] about the camera's foot
-    score : (3,) of `rated`
+    score : (3,) score of `rated`
     foot : (2,) point of the table below the camera
     """
     return ViewHypothesis(

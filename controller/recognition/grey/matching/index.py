@@ -28,9 +28,9 @@ class FeatureIndex:
     Attributes
     ----------
     models : views as they were given
-    tables : of each of `KINDS`, in single precision
+    tables : tables of each of `KINDS`, in single precision
     packed : (5, views, k) of the edgelets of `ModelFeatures`, weight 0 where there are fewer
-    steps : (5, 1, 1) what 1 in ``packed`` is
+    steps : (5, 1, 1) unit of each row of ``packed``
     totals, asked_totals : (views,) their weights' sum, and of those that coarse scores ask for
     hulls : (views, 7) of `hull_of`, and how far it moves with the part
     reach_mm : (views,) half the diagonal of a view about its origin

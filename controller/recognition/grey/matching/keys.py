@@ -31,10 +31,10 @@ class Frames:
     ----------
     keys : (n, d) invariants, in tolerances
     points : (n, 2) where
-    spread : (n,) how far that moves with the part
+    spread : (n,) rate at which that changes as the part moves
     turns_rad : (n,) which way
-    weights : (n,) how telling it is
-    model : (n,) of which view
+    weights : (n,) weight by distinctiveness
+    model : (n,) model of which view
     """
 
     keys: NDArray[np.floating]
@@ -62,14 +62,14 @@ def frames_of(
     Parameters
     ----------
     lines : (n, 4) x0 y0 x1 y1 [mm], longest first
-    spread : (n, 2) how far each end moves when the part moves by 1
+    spread : (n, 2) shift of each end per unit shift of the part
     line_weights : (n,)
-    corners : of those lines
+    corners : corners of those lines
     circles : (m, 3) centre and radius [mm]
     circle_spread, circle_weights : (m,)
     tol : the unit of the keys
-    both_directions : what has no direction of its own is listed for both; for one side of a
-        comparison that is enough
+    both_directions : True to list features without a direction for both; one side of a comparison
+        is enough
     """
     n = min(len(lines), MAX_LINES)
     lines, spread, line_weights = lines[:n], spread[:n], line_weights[:n]

@@ -39,7 +39,7 @@ def matches(
     model : the view that is placed on them
     turn_rad, shift_mm : as of a `Hypothesis`, on the table
     foot_mm : the point of the table plane below the camera
-    tol : how near features have to agree; None for the defaults
+    tol : tolerances on features that match; None for the defaults
     """
     tol = tol or GreyTolerances()
     foot = np.asarray(foot_mm, dtype=np.float64)

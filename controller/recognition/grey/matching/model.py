@@ -33,9 +33,9 @@ class ModelFeatures:
     Attributes
     ----------
     lines_mm : (n, 4) x0 y0 x1 y1
-    line_spread : (n, 2) how far each end moves when the part moves by 1: 1 on the table
+    line_spread : (n, 2) shift of each end per unit shift of the part: 1 on the table
     line_weights : (n,)
-    corners : of those lines
+    corners : corners of those lines
     circles_mm : (m, 3) centre and radius
     circle_spread : (m,) as of lines
     circle_extents_rad, circle_weights : (m,)
@@ -69,7 +69,7 @@ def model_features(
     T_world_part, eye_height_mm : (4, 4) it was drawn in, and how high above the table it was seen
         from; without them all of the view moves as one
     v_down : its second coordinate runs downwards, as a camera's does; False for `line_view`
-    tol : what is a line, an arc; None for the defaults
+    tol : thresholds of lines and arcs; None for the defaults
     """
     tol = tol or GreyTolerances()
     runs = [_run(edge, T_world_part, eye_height_mm, v_down, tol) for edge in view.edges]

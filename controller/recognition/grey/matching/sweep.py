@@ -54,7 +54,7 @@ def swept(
     box_mm : (2, 2) lowest and highest x and y of the thing, or of a piece of it
     foot_mm : the point of the table plane below the camera, which tall parts lean away from
     most : hypotheses returned
-    tol : how near edges have to agree; None for the defaults
+    tol : tolerances on edges that match; None for the defaults
     """
     tol = tol or GreyTolerances()
     foot = np.asarray(foot_mm, dtype=np.float64)
@@ -153,9 +153,9 @@ def _cells(
     Parameters
     ----------
     turns : (t,) of the view
-    middle : (2,) of the thing, from the camera's foot
+    middle : (2,) middle of the thing, from the camera's foot
     begin : (2,) in the map, where the middle of the view's hull is
-    shape : of the map
+    shape : shape of the map
     """
     x, y, spread, direction, weight = index.edgelets(np.array([view]), 0, ASKED)[:, 0].astype(float)
     hull = index.hulls[view]

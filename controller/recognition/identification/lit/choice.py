@@ -29,9 +29,9 @@ class Place:
     Attributes
     ----------
     fit : the best one's
-    fits : what it may be
-    decision : what it is, its neighbours being what they are
-    hypotheses : what it may be, best first
+    fits : hypotheses
+    decision : decision for it, given its neighbours
+    hypotheses : hypotheses, best first
     """
 
     fit: LitFit

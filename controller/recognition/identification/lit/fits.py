@@ -58,7 +58,7 @@ class LitCluster:
     pictures : (height, width) grey, of the scene; of several the first is the brightest of the
         others, which are judged together
     box_px : x0, y0, x1, y1 of the crop, wide enough for all of its parts
-    mask : (h, w) of the crop, what was cut out
+    mask : (h, w) mask of the crop, what was cut out
     camera : overhead, calibrated
     """
 
@@ -94,9 +94,9 @@ class LitFit:
 
     Attributes
     ----------
-    candidate, model : what it is
+    candidate, model : candidate, and the model fitted
     fit : its visible edges, hidden by others or not
-    cluster : what it was fitted to
+    cluster : cluster it was fitted to
     leans : it was fitted with any tilt and height, as a part that lies on another
     """
 
@@ -238,8 +238,8 @@ class LitFit:
         Parameters
         ----------
         others : the parts beside it
-        area : (h, w) of the crop that is asked about, less what others hide; None for where the
-            part itself is seen
+        area : (h, w) area of the crop that is asked about, less what others hide; None for where
+            the part itself is seen
         """
         cluster = self.cluster
         free = self.seen_fit(others)

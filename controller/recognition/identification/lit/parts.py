@@ -58,12 +58,13 @@ def parts_of_lit(
     Parameters
     ----------
     region : the cluster
-    pictures : of the scene, under lamps; of several the first is the brightest of the others
+    pictures : pictures of the scene, under lamps; of several the first is the brightest of the
+        others
     camera : overhead, calibrated
-    library : of the parts that may be there
+    library : library of the possible parts
     usable : (height, width) where parts may lie; None for everywhere
     least_px : of the picture's pixels, below which what is left is no object
-    limits : how much is tried
+    limits : limits of the search
     known : parts of it that lie flat on the table, as a look before a light table names them
     """
     search = Search(region, pictures, camera, library, usable, limits)
@@ -144,7 +145,7 @@ def pieces_left(there: Sequence[LitFit], search: Search, least_px: float) -> lis
     Parameters
     ----------
     there : the parts
-    search : of the cluster
+    search : search of the cluster
     least_px : pixels below which a piece is none
     """
     left = search.region.mask.astype(np.uint8)
@@ -243,7 +244,7 @@ def is_detail(
 
     Parameters
     ----------
-    fit : of the part
+    fit : fit of the part
     others : the parts beside it
     pieces : (h, w) each of the cluster's crop, of what no part explains
     given_up : (h, w) each of what seemed to be a part and is none that is known
@@ -272,7 +273,7 @@ def sure_beside_unknown(
 
     Parameters
     ----------
-    places : what seems to be there
+    places : possible objects there
     library : whose stable poses they are of
     is_unknown_left : something else is there that no part explains
     """
@@ -311,7 +312,7 @@ def held(
     ----------
     fits : all that may be there
     places : `chosen` of them
-    search : of the cluster
+    search : search of the cluster
     library : whose parts and stable poses the fits count
     """
     while True:

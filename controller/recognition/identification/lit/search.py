@@ -82,10 +82,10 @@ class Search:
 
     Parameters
     ----------
-    region : what was cut out, one thing or several near each other
+    region : region cut out, one object or several near each other
     pictures : (height, width) under lamps; of several the first is the brightest of the others
     camera : overhead, calibrated
-    library : of the parts that may be there
+    library : library of the possible parts
     usable : (height, width) where parts may lie; None for everywhere
     limits : as for a part by itself
     """
@@ -171,7 +171,7 @@ class Search:
         Parameters
         ----------
         fits : found so far
-        proposed : what may be there besides
+        proposed : further proposals
         """
         coarse = sorted(self._coarse_ones(proposed), key=lambda one: -one[0])
         out = list(fits)
@@ -219,8 +219,8 @@ class Search:
         Parameters
         ----------
         fits : found so far; those that lie flat are tried tilted, once
-        proposed : what may be there besides, if it lay flat
-        there : what seems to be there
+        proposed : further proposals, for a part that lies flat
+        there : possible objects there
         """
         starts: list[tuple[Candidate, FloatArray | None, list[LitFit]]] = []
         for flat in sorted(fits, key=lambda f: -self.worth(f)):
@@ -265,7 +265,7 @@ class Search:
         ----------
         fit : a pose
         others : the other parts that are there
-        area : (h, w) of the crop, by which it is compared with other poses about one place
+        area : (h, w) area of the crop, by which it is compared with other poses about one place
         """
         c, entry = fit.candidate, self._library.entries[fit.candidate.part]
         # what lies elsewhere changes nothing, and of most places the neighbours stay what they are
@@ -413,7 +413,7 @@ def tipped(
 
     Parameters
     ----------
-    model : of the part
+    model : model of the part
     T : T_world_part before
     towards : (2,) unit direction on the table, of the side that is lifted
     tilt_rad : by which the part is turned
@@ -436,9 +436,9 @@ def widened(region: Region, margin_px: int, shape: tuple[int, int]) -> Region:
 
     Parameters
     ----------
-    region : of a picture
+    region : region of a picture
     margin_px : added on each side, within the picture
-    shape : (height, width) of the picture
+    shape : (height, width) shape of the picture
     """
     x0, y0, x1, y1 = region.box_px
     left, top = max(x0 - margin_px, 0), max(y0 - margin_px, 0)

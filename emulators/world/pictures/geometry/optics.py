@@ -77,7 +77,7 @@ class RayTable:
         Parameters
         ----------
         pixels : (n,) flat numbers, row by row
-        offsets : (k, 2) of the points from the pixel's centre [px]
+        offsets : (k, 2) offsets of the points from the pixel's centre [px]
         """
         du, dv = self._du[pixels] @ self._across, self._dv[pixels] @ self._across
         fine = self.directions[pixels][:, None] + du[:, None] * offsets[None, :, :1]

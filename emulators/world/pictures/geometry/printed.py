@@ -21,7 +21,7 @@ def board_surface(name: str, board: Board) -> Surface:
 
     Parameters
     ----------
-    name : of the pose that moves it
+    name : name of the pose that moves it
     board : its plate and its prints
     """
     front_mm, front_faces, front_ink = _grid(board.front)

@@ -28,7 +28,7 @@ class Material:
 
     Attributes
     ----------
-    albedo : of its diffuse part
+    albedo : albedo of its diffuse part
     gloss : height of its highlight, and ``shine`` its exponent (Blinn)
     """
 
@@ -55,7 +55,7 @@ class Surface:
 
     Attributes
     ----------
-    name : of the pose that moves it; empty if it does not move
+    name : name of the pose that moves it; empty if it does not move
     vertices_mm, faces : in its own frame
     normals : (m, 3, 3) at the corners of each face, smooth across curved faces
     material : (m,) index into ``materials``
@@ -76,9 +76,9 @@ class Scene:
 
     Attributes
     ----------
-    fixed : what stands still; ``owner`` names the layout box of each of its triangles
-    aims_mm : (lamps, 3) what each lamp points at
-    finish_seed : of the marks on machined parts; None: their surfaces are plain
+    fixed : static solids; ``owner`` names the layout box of each of its triangles
+    aims_mm : (lamps, 3) target point of each lamp
+    finish_seed : finish seed of the marks on machined parts; None: their surfaces are plain
     """
 
     cameras: tuple[CameraLayout, ...]
@@ -97,9 +97,9 @@ def build_scene(layout: Layout, solids: Sequence[Solid], finish_seed: int | None
 
     Parameters
     ----------
-    layout : of the cell
-    solids : of the parts
-    finish_seed : of the marks on machined parts; None: their surfaces are plain
+    layout : layout of the cell
+    solids : solids of the parts
+    finish_seed : finish seed of the marks on machined parts; None: their surfaces are plain
     """
     lamps = tuple(layout.lamps.values())
     fixed, owner_boxes, owner = _fixed(layout, lamps)
@@ -131,7 +131,7 @@ def part_surface(name: str, solid: Solid) -> Surface:
 
     Parameters
     ----------
-    name : of the pose that moves it
+    name : name of the pose that moves it
     solid : its exact mesh
     """
     return _surface(name, solid.vertices_mm, solid.faces, MACHINED_PART, smooth=True)

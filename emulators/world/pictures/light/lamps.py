@@ -33,7 +33,7 @@ class Source:
     Parameters
     ----------
     centre_mm : (3,) in the world
-    axis : (3,) of length 1, at right angles to the disc
+    axis : (3,) axis of length 1, at right angles to the disc
     inner_mm : inner radius; 0 makes a disc of the annulus
     outer_mm : outer radius
     """
@@ -60,7 +60,7 @@ class Source:
         Parameters
         ----------
         columns, rows : (n,) the pixels [px]; neighbours get different patterns
-        count : how many points stand for the source
+        count : number of points that stand for the source
         """
         if count not in self._patterns:
             self._patterns[count] = self._make_patterns(count)
@@ -90,7 +90,7 @@ class Lamps:
 
     Attributes
     ----------
-    sources : of each lamp; None for a panel, whose spill is diffuse and throws no shadow
+    sources : sources of each lamp; None for a panel, whose spill is diffuse and throws no shadow
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -134,7 +134,7 @@ class Lamps:
         lamp : number of the lamp
         points_mm, normals : (n, 3) world; normals of length 1, towards the camera
         views : (n, 3) directions from the camera, any length
-        material, panel : (n,) of the surface
+        material, panel : (n,) material and panel of the surface
         """
         to_lamp = self.lamps[lamp].centre_mm.astype(np.float32) - points_mm
         to_lamp /= _length(to_lamp)[:, None]

@@ -114,7 +114,7 @@ class Shadows:
 
     Parameters
     ----------
-    shape : (height, width) of the picture whose pixels the surfaces are in
+    shape : (height, width) shape of the picture whose pixels the surfaces are in
     """
 
     def __init__(self, lamps: Lamps, shape: tuple[int, int]) -> None:
@@ -138,7 +138,7 @@ class Shadows:
 
         Parameters
         ----------
-        assembly : what stands between lamp and surfaces
+        assembly : solids between lamp and surfaces
         lamp : number of the lamp
         spots : (n,) where the rays met surfaces, one for each pixel
         pixels : (n,) the pixels, row by row: v times the width plus u
@@ -281,7 +281,7 @@ def cast_shadows(
     ----------
     scene : embree scene of what may stand between, in the frame of the points
     starts_mm : (n, 3) off the surface
-    points_mm : (n, k, 3) of the lamp
+    points_mm : (n, k, 3) points of the lamp
     seen : (n, k) bool, changed in place
     asked : (n, k) bool, the pairs that a ray is cast for
     """
@@ -308,7 +308,7 @@ def _from_neighbours(
     Parameters
     ----------
     places : (n, 2) rows and columns of all spots
-    shape : of the grid of samples, half as many rows and columns
+    shape : shape of the grid of samples, half as many rows and columns
     coarse, found : (m,) numbers of the spots that were sampled, and what came of it
     some : (k,) numbers of the spots that are asked for
 

@@ -64,7 +64,7 @@ class Nodes:
 
         Parameters
         ----------
-        triangle : (n,) of the surface
+        triangle : (n,) triangle of the surface
         u, v : (n,) barycentric coordinates, of the second and the third corner
         """
         steps = self._steps[triangle]

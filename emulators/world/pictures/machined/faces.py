@@ -31,7 +31,7 @@ class Faces:
     across : (k, 3) direction of each face, from tool mark to tool mark
     along : (k, 3) at right angles to it; tool marks run along this or around
     middle_mm : (k, 3) a place on the axis of each turned face
-    radius_mm : (k,) of turned faces, in the mean; 0 of milled ones
+    radius_mm : (k,) radius of turned faces, in the mean; 0 of milled ones
     """
 
     of_triangle: NDArray[np.intp]
@@ -66,7 +66,7 @@ def machined_faces(surface: Surface, rng: np.random.Generator) -> Faces:
 
     Parameters
     ----------
-    surface : of the part
+    surface : surface of the part
     rng : draws which way each plane was milled
     """
     a, b, c = (surface.vertices_mm[surface.faces[:, i]] for i in range(3))
@@ -106,7 +106,7 @@ def _axis(centres_mm: Array, normals: Array, weights: Array, axis: Array) -> tup
 
     Parameters
     ----------
-    centres_mm, normals : (n, 3) of its triangles
+    centres_mm, normals : (n, 3) centres and normals of its triangles
     weights : (n,) their areas
     axis : (3,) its direction
     """
@@ -133,7 +133,7 @@ def _planes(facet: NDArray[np.intp], bends: NDArray[np.intp], sizes: Array) -> N
     ----------
     facet : (m,) number of the facet of each triangle
     bends : (n, 2) facets that meet at so small an angle that shading hides it
-    sizes : (k,) of each facet
+    sizes : (k,) sizes of each facet
     """
     both = np.concatenate((bends, bends[:, ::-1]))
     both = both[np.argsort(both[:, 0], kind="stable")]

@@ -47,7 +47,7 @@ class Finish:
     ----------
     seed : draws marks, dust and film of every part
     camera, rays : whose picture it is
-    lamps : of the scene
+    lamps : lamps of the scene
     parts : kept of each part, for all cameras; filled here
     """
 
@@ -78,7 +78,7 @@ class Finish:
         assembly : all triangles, in place
         in_play : the moving things among them, in the assembly's order
         wanted : (h, w) pixels that may be changed
-        layers : (h, w) of each lit lamp, changed in place
+        layers : (h, w) layers of each lit lamp, changed in place
         """
         lit = [lamp for lamp in layers if self._lamps.sources[lamp] is not None]
         movers = [
@@ -192,7 +192,7 @@ def _inner(
     ----------
     triangle : (n,) that each pixel's middle shows, -1 for none
     pixels : (n,) flat numbers, row by row
-    shape : (height, width) of the picture
+    shape : (height, width) shape of the picture
     """
     seen = np.zeros((*shape, 3), np.float32)
     met = triangle >= 0

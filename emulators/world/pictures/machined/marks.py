@@ -92,7 +92,7 @@ class Marks:
         Parameters
         ----------
         across_mm, along_mm : (n,) across the tool marks and along them
-        footprint_mm : (n,) of a pixel there; finer marks average out in it
+        footprint_mm : (n,) footprint of a pixel there; finer marks average out in it
         """
         fine = _look_up(self._fine, across_mm / MARK_MM, along_mm / MARK_LONG_MM)
         fine = fine * _left(footprint_mm, MARK_MM)
