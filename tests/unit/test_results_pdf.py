@@ -24,15 +24,20 @@ from tests.unit import judged_bench as bench
 AT = datetime(2026, 3, 1, 12, 1, 30, tzinfo=UTC)
 
 
-def count_of(what: bytes, pdf: bytes) -> int:
-    """Return how often a pattern is in a document, also in its packed objects."""
+def texts_of(what: bytes, pdf: bytes) -> list[bytes]:
+    """Return what a pattern finds in a document, also in its packed objects."""
     texts = [pdf]
     for packed in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", pdf, re.S):
         try:
             texts.append(zlib.decompress(packed))
         except zlib.error:
             continue  # a picture
-    return sum(len(re.findall(what, text)) for text in texts)
+    return [found for text in texts for found in re.findall(what, text)]
+
+
+def count_of(what: bytes, pdf: bytes) -> int:
+    """Return how often a pattern is in a document, also in its packed objects."""
+    return len(texts_of(what, pdf))
 
 
 def page_count(pdf: bytes) -> int:
@@ -64,7 +69,27 @@ def test_thirty_characteristics_still_print_on_three_pages(tmp_path: Path) -> No
     )
     solid = load_part(part_file("flange_xy.stl")).solid
     judged = bench.judged(tmp_path, bench.inspection(many))
-    assert page_count(write_report([judged], tmp_path / "r.pdf", solid).read_bytes()) == 3
+    assert page_count(write_report([judged], tmp_path / "r.pdf", solid).read_bytes()) <= 3
+
+
+def test_nothing_shrinks_the_paper_so_that_drawings_keep_their_scale(tmp_path: Path) -> None:
+    solid = load_part(part_file("flange_xy.stl")).solid
+    kind, rim = bench.all_kinds()[0].characteristic.kind, bench.rim(1.0)
+    why = "no view shows the rim at less than 30 deg, and all others show it in the shadow of jaws"
+    values: tuple[tuple[float | None, Verdict, str], ...] = (
+        (108.5, Verdict.PASS, ""), (None, Verdict.NOT_EVALUATED, why),
+    )  # fmt: skip
+    made = tuple(
+        bench.measured(i, kind, 108.5, 0.25, value, verdict, rim, reason=reason)
+        for i, (value, verdict, reason) in enumerate(values, start=1)
+    )
+    judged = bench.judged(tmp_path, bench.inspection(made))
+    pdf = write_report([judged], tmp_path / "r.pdf", solid).read_bytes()
+    widths_mm = {
+        float(w) * 25.4 / 72 for w in texts_of(rb"([\d.]+) 0 0 -[\d.]+ [\d.]+ [\d.]+ cm", pdf)
+    }
+    # the part coloured by its ledger is 40 mm wide in the style sheet
+    assert any(abs(width_mm - 40.0) < 0.05 for width_mm in widths_mm), widths_mm
 
 
 def test_the_same_part_gives_the_same_bytes(tmp_path: Path) -> None:

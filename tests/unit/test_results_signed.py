@@ -63,7 +63,6 @@ def test_who_what_and_with_what_stand_in_the_header(tmp_path: Path) -> None:
 def test_every_characteristic_has_its_row(tmp_path: Path) -> None:
     page = Page(render_parts([bench.judged(tmp_path)]))
     header, *rows = page.table("Balloon")
-    rows = [row for row in rows if row[0]]
     cells = [dict(zip(header, row, strict=True)) for row in rows]
     assert [c["Balloon"] for c in cells] == [str(i) for i in range(1, 10)]
     assert cells[0]["Requirement"] == "⌀ 8.000 ± 0.2 mm"
@@ -75,7 +74,8 @@ def test_every_characteristic_has_its_row(tmp_path: Path) -> None:
         "pass", "pass", "indeterminate", "fail", "pass", "pass", "pass", "pass", "not evaluated",
     ]  # fmt: skip
     assert cells[8]["Actual"] == "–"
-    assert "0.410 mm beyond the upper limit" in page.text
+    # the reason is in the row itself, which no engine breaks over two pages
+    assert "0.410 mm beyond the upper limit" in cells[3]["Characteristic"]
     assert "no view shows the rim at less than 30 deg" in page.text
 
 

@@ -36,8 +36,9 @@ MAX_OFF_RAD: Final = float(np.radians(30.0))
 # A distance that lies this far beyond the middle of the part, as a share of the part's depth, is
 # still shown from this side: with none, featuretype takes a fourth view for what is at its middle.
 MIDDLE_SHARE: Final = 0.1
-# Of all sides together: a page of A4 between its margins, less the line below the drawing.
-PAPER_MM: Final = (186.0, 250.0)
+# Of all sides together: the width between the margins of A4, and four fifths of the height, so that
+# the table begins below the drawing and a part prints on three pages.
+PAPER_MM: Final = (186.0, 217.0)
 # Between two sides, and below each for its caption.
 SPACE_MM: Final = (3.0, 6.0)
 # A part is drawn no larger than this, and its scale is searched for in these steps.
