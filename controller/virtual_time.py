@@ -12,8 +12,9 @@ from typing import Any, Final, TypeVarTuple
 
 Arguments = TypeVarTuple("Arguments")
 
-MIN_WAIT_S: Final = 1e-9  # shorter than what a float of this size resolves, time would not pass
-PURGE_COUNT: Final = 200  # cancelled timers that are kept at most
+# shorter waits are below the resolution of a float of this size: time would not pass
+MIN_WAIT_S: Final = 1e-9
+PURGE_COUNT: Final = 200  # largest number of cancelled timers kept
 
 
 class NothingLeftError(RuntimeError):

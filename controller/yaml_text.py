@@ -31,11 +31,11 @@ from ruamel.yaml.events import (
 
 Location = tuple[int | str, ...]
 
-# Of any file of ours. Beyond it a double no longer holds every whole number, and what is worked
-# out from a length overflows sooner or later.
+# Largest number in any file. Beyond it a double no longer holds every whole number, and results
+# computed from a length overflow sooner or later.
 LARGEST_NUMBER: Final = 1e15
 NO_NUMBER: Final = f"is no number of sense; numbers are finite, {LARGEST_NUMBER:g} at most"
-UNREADABLE: Final = "\ufffd"  # stands in a text for bytes that are none
+UNREADABLE: Final = "\ufffd"  # replacement in a text for bytes that are no text
 DECIMAL_COMMA: Final = re.compile(r"([-+]?\d+),(\d+)")
 MAX_PROBLEM_COUNT: Final = 10  # problems of one text that are reported at once
 

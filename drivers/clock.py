@@ -30,7 +30,8 @@ from .patience import IN_TRANSIT_WALL_S, Patience
 _Future = TypeVar("_Future", bound="asyncio.Future[Any]")
 
 MIN_WAIT_WALL_S: Final = 0.0005  # a shorter wait would only spin while time stands still
-WINDOWS_A_REPLY_MAY_TAKE: Final = 3  # windows late in all: request read, reply sent, reply read
+# windows of a late reply in all: request read, reply sent, reply read
+WINDOWS_A_REPLY_MAY_TAKE: Final = 3
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,14 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Final, Protocol
 
-# What has arrived when time is up must be taken in before it counts as missing. A byte's way
-# from the kernel to the waiting task leads through this many turns of the loop at most: reader,
+# Bytes that have arrived when time is up must be read before they count as missing. The path of a
+# byte from the kernel to the waiting task takes at most this many turns of the loop: reader,
 # future, wait_for, task, wait, task, shield, caller.
 TURNS: Final = 10
 MIN_WAIT_WALL_S: Final = 0.001
-# A kernel that is busy keeps bytes of a pseudo-terminal back: 18 ms seen at a load of 9, more than
-# 50 ms at 18, against 0.1 ms on a socket. That is nobody's silence: where the clock can be held, it
-# is while a request may still arrive, and its reply.
+# A busy kernel delays bytes of a pseudo-terminal: 18 ms seen at a load of 9, more than 50 ms at 18,
+# against 0.1 ms on a socket. That delay is no device's silence: where the clock can be held, it is
+# held while a request may still arrive, and its reply.
 IN_TRANSIT_WALL_S: Final = 0.3
 
 

@@ -6,7 +6,7 @@ import os
 import tty
 from typing import Final
 
-# A kernel that needs longer is not waited for: what is missing then counts as missing.
+# longest wait for the kernel; data still missing then counts as missing
 LATEST_WALL_S: Final = 10.0
 
 

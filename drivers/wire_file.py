@@ -22,7 +22,7 @@ _PAIR: Final = struct.Struct("<II")
 GATHER_WALL_S: Final = 0.2  # longest part of a recording that a kill may lose
 BLOCK_BYTES: Final = 4 << 20
 MAX_WAITING_BYTES: Final = 1 << 30  # a disk that falls behind by this much ends the recording
-LEVEL: Final = 1  # pictures are noise in their lowest bits: more effort gains little
+LEVEL: Final = 1  # the lowest bits of pictures are noise: more effort gains little
 
 
 class WireFileError(Exception):

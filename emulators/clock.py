@@ -64,8 +64,8 @@ _SLOT_COUNT: Final = 16
 _STALL_COUNT_MAX: Final = 4096
 _FILE_BYTES: Final = 8 * (64 + 2 * _STALL_COUNT_MAX)
 _LOOK_WALL_S: Final = 0.05
-# The same at every speed: what passes between two requests, such as the start of the arm's two
-# boards, must not grow with how fast time is asked to run.
+# The same at every speed: an interval between two requests, such as the start of the arm's two
+# boards, must not grow with the requested speed of time.
 WINDOW_S: Final = 0.05
 
 

@@ -17,11 +17,11 @@ from emulators.world.poses import forward
 Array = NDArray[np.float64]
 
 AIM_MM: Final = 0.5  # accuracy of fingertips set down on a mark, in each direction
-# the lower of both fingers touches; the point between their tips is so high then
+# The lower of both fingers touches; this is then the height of the point between their tips.
 TOUCH_MM: Final = (0.1, 0.4)
 _NEAR_MM: Final = 0.02
 _ROUNDS: Final = 80
-# of what is missing: who goes beyond has to turn the gears back through their play
+# share of the remaining distance; going beyond would mean to turn the gears back through their play
 _SHARE: Final = 0.8
 _STEP: Final = 1e-4
 _COUNTS: Final = {

@@ -9,7 +9,7 @@ from emulators.world import DriverChoice, LayoutError
 
 CONFIGS: Final[Mapping[str, E1214Config]] = {"moxa_e1212": E1212, "moxa_e1214": E1214Config()}
 WATCHDOG_S: Final = 1.0  # the shortest that the web console takes; modbus_devices.md 7.1
-# What a cell file calls the contacts, in the order of modbus_devices.md 7.4; some have two names.
+# Names of the contacts in a cell file, in the order of modbus_devices.md 7.4; some have two names.
 CONTACTS: Final = (
     ("emergency_stop",),
     ("door",),

@@ -29,7 +29,7 @@ T = TypeVar("T")
 # Raise this number when the same annotations are stored in another way. Format 1 was not .npz.
 FORMAT = 2
 ENDING = ".npz"
-MAX_FOLDER_BYTES = 2**31  # of all files of one prefix
+MAX_FOLDER_BYTES = 2**31  # Largest total size of the files with one prefix [bytes].
 
 log = logging.getLogger(__name__)
 

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 AnyArray = NDArray[Any]
 
 DIGEST_BYTES = 64  # SHA-256 in hexadecimal
-MAX_BYTES = 2**30  # of a file; the largest parts take a tenth of it
-MAX_TREE_BYTES = 2**24  # JSON takes twenty times its length in memory
+MAX_BYTES = 2**30  # largest file; the largest parts take a tenth of it
+MAX_TREE_BYTES = 2**24  # largest text of JSON; in memory, JSON takes twenty times its length
 MAX_EMPTY_ROWS = 2**20  # rows without content take no room in a file, but they do in memory
-WRITTEN_AT_ONCE = 2**20  # numbers, so that no second copy of a large part is made
+WRITTEN_AT_ONCE = 2**20  # numbers written at a time, so that no second copy of a large part is made
 DTYPES = ("b1", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f2", "f4", "f8")
 
 

@@ -14,7 +14,7 @@ import trimesh
 
 from controller.arrays import FloatArray, IntArray
 
-AT_ONCE = 100_000  # rows of a span: 7 MB of corners
+AT_ONCE = 100_000  # rows of a chunk: 7 MB of corners
 M_MMAP_THRESHOLD = -3  # of glibc's malloc.h
 OWN_PAGES_BYTES = 1 << 20
 LASTING = ("face_normals", "area_faces")  # trimesh's cached arrays that are kept

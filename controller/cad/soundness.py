@@ -27,7 +27,7 @@ TOUCH_MM = 1e-3  # ten times what corners are merged at: merging may fold a sliv
 FLOAT32_ULPS = 32.0  # STL keeps seven digits, which is more than TOUCH_MM on a part of metres
 PROBE_COUNT = 1500  # points of the surface whose two sides are looked at
 FEW_PROBES = 2  # one wrong probe may be a grazing ray
-DIRECTIONS = np.array(  # of no plane a draughtsman would draw
+DIRECTIONS = np.array(  # directions that lie in no plane a draughtsman would draw
     [[0.613, 0.347, 0.710], [-0.291, 0.853, 0.433], [0.177, -0.529, -0.830]]
 )
 EDGES_AT_ONCE = 200_000  # a hit takes some hundred bytes on its way

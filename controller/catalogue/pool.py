@@ -12,7 +12,7 @@ from controller.config import ConfigError
 from controller.processes import worker_pool
 
 MAX_COUNT: Final = 512
-SCHEMES: Final = ("tcp://", "tls://", "ucx://", "ws://", "wss://")  # that Dask knows
+SCHEMES: Final = ("tcp://", "tls://", "ucx://", "ws://", "wss://")  # schemes known to Dask
 CONNECT_S: Final = 30.0
 
 

@@ -8,7 +8,8 @@ them. What a user has set stays.
 
 import os
 
-# of OpenBLAS, MKL and their builds with OpenMP: each also heeds OMP_NUM_THREADS, its own one first
+# Variables of OpenBLAS, MKL and their builds with OpenMP: each also heeds OMP_NUM_THREADS, its own
+# one first.
 _MATRIX_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 if not any(name in os.environ for name in _MATRIX_THREADS):
     os.environ |= dict.fromkeys(_MATRIX_THREADS, "1")

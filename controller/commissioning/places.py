@@ -17,10 +17,11 @@ from controller.planning.motion import tcp_pose
 
 Corner = tuple[int, int]
 CORNERS: Final[tuple[Corner, ...]] = ((1, -1), (-1, -1), (1, 1), (-1, 1))
-# of an even distribution of width 1, and of half the radius that holds 95 % in a plane
+# standard deviation of an even distribution of width 1, and of half the radius that holds 95 % in a
+# plane
 _EVEN: Final = 1.0 / np.sqrt(12.0)
 _HALF_95: Final = 1.2239
-# how a turn of each motor turns the joints of `q`; both motors of the wrist turn pitch and roll
+# Turn of the joints of `q` per turn of each motor; both motors of the wrist turn pitch and roll.
 _TURNS: Final[Mapping[str, tuple[tuple[int, float], ...]]] = {
     "shoulder": ((0, 1.0),),
     "elbow": ((1, 1.0),),

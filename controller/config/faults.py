@@ -14,12 +14,12 @@ from .yaml_models import Section, WrongKeyError
 FaultAct = Literal[
     "retry", "re_pose", "regrasp", "other_view", "skip_characteristic", "park_part", "hold", "abort"
 ]
-# An action that ends the matter: nothing follows it.
+# Actions that end the sequence: nothing follows them.
 ENDS: Final = ("skip_characteristic", "park_part", "hold", "abort")
 LONGEST_LIST: Final = 8
 
-# What the cell can do about each class, the ends aside: looking again makes no sense of a camera
-# that is gone, and a dropped part cannot be parked.
+# Possible reactions of the cell to each class, the ends aside: another look makes no sense for a
+# camera that is gone, and a dropped part cannot be parked.
 _HELD_ENDS: Final = ("park_part", "hold", "abort")
 _FREE_ENDS: Final = ("hold", "abort")
 POSSIBLE: Final[Mapping[str, tuple[str, ...]]] = {

@@ -11,7 +11,7 @@ from .yaml_models import Section
 SIGNALS: Final = (
     "estop_ok", "guard_closed", "supply_ok", "part_in_nest", "part_in_gripper", "acknowledge",
 )  # fmt: skip
-# What the cell knows of itself.
+# States that the cell knows of itself.
 STATES: Final = (
     "always", "moves_arm", "moves_jaws", "near_hand_off", "person_inside", "fixed_gripper_free",
     "custody_on_table", "custody_in_arm", "custody_in_fixed", "custody_in_both", "custody_placed",

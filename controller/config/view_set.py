@@ -34,7 +34,7 @@ JSON_DIALECT: Final = replace(
         "string_type": "must be text in quotes",
     },
 )
-MAX_NUMBER: Final = 1e9  # largest number of a matrix: beyond any focal length or place in a cell
+MAX_NUMBER: Final = 1e9  # largest number of a matrix: beyond any focal length or position in a cell
 
 Rows = tuple[tuple[float, ...], ...]
 

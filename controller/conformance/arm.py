@@ -28,12 +28,12 @@ from .requirement import (
 HOME_S: Final = 300.0
 MOVE_S: Final = 60.0
 STEP_RAD: Final = math.radians(2.0)
-STEP_MM: Final = 5.0  # of a joint that slides
+STEP_MM: Final = 5.0  # step of a joint that slides
 FAR_RAD: Final = math.radians(20.0)
 FAR_MM: Final = 100.0
 WITHIN_RAD: Final = math.radians(0.3)
 WITHIN_MM: Final = 0.5
-MOVING_SHARE: Final = 0.02  # of the way, from which on a joint is known to move
+MOVING_SHARE: Final = 0.02  # share of the distance after which a joint is known to move
 JAWS_MM: Final = 1.0
 
 

@@ -15,13 +15,14 @@ from .lines import Line
 
 ANSWER_S: Final = 3.0
 """Contract of all kinds: a silent device is reported, and one that is back answers, by then [s]."""
-HANG_FACTOR: Final = 4.0  # what takes so many times its bound is cut off
-BEATS_PER_WINDOW: Final = 4  # of a shared clock: how often this process is looked at for being late
-JITTER_SHARE: Final = 0.1  # of its window: a delay no longer than this is none
-STEP_WAITS_S: Final = (0.0, 0.0, 0.002, 0.005, 0.01, 0.02)  # when an exchange is cancelled
+HANG_FACTOR: Final = 4.0  # multiple of its bound after which an operation is cut off
+BEATS_PER_WINDOW: Final = 4  # checks for lateness of this process per window of a shared clock
+JITTER_SHARE: Final = 0.1  # share of its window up to which a delay counts as none
+# delays after which an exchange is cancelled
+STEP_WAITS_S: Final = (0.0, 0.0, 0.002, 0.005, 0.01, 0.02)
 
 
-# What leaves every device as it is. `connect` must, by contract of all kinds.
+# Verbs that change nothing on any device. `connect` is one by the contract of all kinds.
 READS: Final = frozenset(
     (
         *("connect", "aclose", "close"),

@@ -24,7 +24,7 @@ from sqlalchemy import (
 )
 
 METADATA: Final = MetaData()
-PART_BITS: Final = 20  # of `part_id` are the number of the part in its run
+PART_BITS: Final = 20  # bits of `part_id` for the number of the part in its run
 PARTS_MAX: Final = 2**PART_BITS - 1
 
 VERSION: Final = Table(

@@ -18,7 +18,7 @@ from drivers.kinds import GROUP, ArmDescription, ArmDriver, Driver
 
 Checked = TypeVar("Checked")
 
-KIND_OF: Final = {  # of each device of the cell file
+KIND_OF: Final = {  # kind of each device of the cell file
     "arm": "arm",
     "gripper": "gripper",
     "lights": "lights",

@@ -18,8 +18,8 @@ from controller.planning import CellLayout, Jaw, Plan, PlanOptions
 
 from .layout import build_layout
 
-# The narrower extent of a defect in the picture: as much as inspection needs to compare a surface,
-# and a tenth more, because the part is never held exactly as planned.
+# The narrower extent of a defect in the picture: the extent that inspection needs to compare a
+# surface, and a tenth more, because the part is never held exactly as planned.
 DEFECT_PX = 1.1 * MIN_WIDTH_PX
 
 DensityFrom = Literal["recipe", "command line", "CAD file", "assumed"]

@@ -22,7 +22,7 @@ from .shapes import labels_of, read_document, shapes_of, unit_of, xyz
 
 MAX_BODY_COUNT: Final = 5000
 MAX_OCCURRENCE_COUNT: Final = 100_000
-SHARES: Final = (0.25, 0.5, 0.75)  # of an edge's length: the same points from either end
+SHARES: Final = (0.25, 0.5, 0.75)  # shares of an edge's length: the same points from either end
 
 
 class Listing:

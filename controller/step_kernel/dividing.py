@@ -15,19 +15,20 @@ from .shapes import shapes_of, xyz
 # what outlines and sight lines need, more of a larger part. A chord of 0.05 mm is what drawn edges
 # may be off, so it is kept up to half a metre.
 CHORD_SHARE: Final = 1.5e-4  # of the diagonal
-CHORD_MM: Final = 0.01  # least: a fifth of what drawn edges may be off
-CHORD_MM_MAX: Final = 0.05  # but for parts so large that it is less than the share below
+CHORD_MM: Final = 0.01  # least chord: a fifth of the error allowed to drawn edges
+# largest chord, except for parts so large that it is less than the share above
+CHORD_MM_MAX: Final = 0.05
 FAR_SHARE: Final = 1e-4
 STRAY: Final = (
     2.1  # of the chord: what triangles may be off a face; the kernel leaves balls at 2.07
 )
-TURN_SHARE: Final = 2.0  # of the chords' angle: what the kernel allows inside a face
+TURN_SHARE: Final = 2.0  # multiple of the chords' angle that the kernel gets inside a face
 # Of the chord, tried inside faces, in turn. Less than a chord would divide the edges anew, and with
 # them all other faces.
 LEVELS: Final = (8.0, 4.0, 2.0, 1.4, 1.0)
 MEASURED_COUNT: Final = 400  # triangles of a free-form face, the largest first
 INSIDE: Final = ((1 / 3, 1 / 3, 1 / 3), (0.5, 0.5, 0.0), (0.0, 0.5, 0.5), (0.5, 0.0, 0.5))
-EXACT: Final = 0.1  # of the chord: how exact edges are taken to be
+EXACT: Final = 0.1  # share of the chord to which edges count as exact
 KEPT: Final = 1e-9  # the deflection that makes the kernel keep a face as it is divided
 
 

@@ -6,7 +6,7 @@ from .ending import RefusalError
 from .measures import mass_of
 from .shapes import shapes_of, unit_of
 
-MENDED_SHARE: Final = 1e-3  # of its volume: what mending may change
+MENDED_SHARE: Final = 1e-3  # share of its volume by which mending may change it
 
 
 def read_body(path: str) -> Any:  # noqa: ANN401  the kernel's types have no stubs

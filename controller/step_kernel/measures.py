@@ -7,7 +7,7 @@ from typing import Any, Final
 from .shapes import shapes_of, xyz
 
 CANONICAL_MM: Final = 1e-3  # a spline this close to a plane or a cylinder is one, drawn clumsily
-COARSE: Final = 0.01  # of the size
+COARSE: Final = 0.01  # share of the size
 KINDS: Final = ("plane", "cylinder", "cone", "sphere", "torus", "freeform")
 
 

@@ -25,15 +25,15 @@ from controller.inspection import (
 )
 from controller.setup.optics import build_light, light_corners
 
-# The part's pose expected and the gripper's boxes come from the same joints, so that they agree
-# within one grasp by the arm's errors, some tenths at most. A regrasp moves a gripper by
-# millimetres. To take one grasp for two only loses what both know together.
+# The expected pose of the part and the boxes of the gripper come from the same joints, so that
+# within one grasp they agree to the arm's errors, some tenths at most. A regrasp moves a gripper by
+# millimetres. One grasp taken for two only loses the information they share.
 SAME_GRASP_MM: Final = 0.6
 SAME_GRASP_RAD: Final = radians(0.6)
-# An arm that is sent to the same view again reports joints that are the same to some counts.
+# An arm that is sent to the same view again reports joints that agree to some counts.
 SAME_VIEW_MM: Final = 0.2
 SAME_VIEW_RAD: Final = radians(0.2)
-# Error of axes from square above which they were rounded, or made so; at this value, which cell
+# Largest error of square axes; beyond it they were rounded or mistyped. At this value, which cell
 # files may have, a metre is off by 3 um.
 ROUNDED: Final = 3e-6
 KEPT_CAMERAS: Final = 4  # cameras kept with their tables of lines of sight, for the next part

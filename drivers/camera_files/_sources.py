@@ -22,7 +22,7 @@ from ._errors import NoPictureError
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 ENDINGS: Final = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
-MAX_FILE_BYTES: Final = 128 << 20  # a picture of 64 million pixels with 16 bits each
+MAX_FILE_BYTES: Final = 128 << 20  # largest file: a picture of 64 million pixels with 16 bits each
 _NUMBER: Final = re.compile(r"(\d+)")
 
 

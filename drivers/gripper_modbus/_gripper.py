@@ -50,7 +50,8 @@ RESET_TIMEOUT_S: Final = 1.0
 RELEASE_TIMEOUT_S: Final = 10.0  # a full stroke at the slowest speed is 4.3 s, §2.5
 MOVE_MARGIN: Final = 1.5  # speed is only quasi linear, §2.5
 MOVE_MARGIN_S: Final = 1.0
-NOT_KNOWN_TO_BE_DONE: Final = (ReplyTimeoutError, UnpluggedError)  # errors after which one looks
+# errors after which the state is read back
+NOT_KNOWN_TO_BE_DONE: Final = (ReplyTimeoutError, UnpluggedError)
 
 
 class StoppedError(MotionStoppedError):

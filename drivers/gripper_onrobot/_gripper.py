@@ -50,7 +50,7 @@ BOOT_S: Final = 5.0  # §3.3: about 1 s
 OVER_TRAVEL_MM: Final = 8.0  # so that the part and not the target stops the jaws
 ARRIVED_MM: Final = 1.0
 SLIP_MM: Final = 1.5
-FREE_FORCE_SHARE: Final = 0.5  # of the greatest force, with nothing between the jaws
+FREE_FORCE_SHARE: Final = 0.5  # share of the greatest force, with nothing between the jaws
 
 
 @dataclass(frozen=True, slots=True)

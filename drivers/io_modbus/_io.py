@@ -27,7 +27,8 @@ GUARDS: Final = ("estop_ok", "guard_closed", "supply_ok")  # nothing moves witho
 MODEL_REGISTER: Final = 5000  # input registers, 10 of them
 MODEL_COUNT: Final = 10
 WATCHDOG_COIL: Final = 4144
-# Of the block's own clock and relay: its flag is asked for so long after the watchdog's time [s].
+# Longest delay of the block's own clock and relay: its flag is polled for this long after the
+# watchdog's time [s].
 TRIP_SLACK_S: Final = 0.3
 
 Observer = Callable[[Change], None]

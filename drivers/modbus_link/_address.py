@@ -13,7 +13,8 @@ from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from pymodbus.client.base import ModbusBaseClient
 from pymodbus.pdu import ModbusPDU
 
-CONNECT_TIMEOUT_WALL_S = 3.0  # opening is the host's business: it does not scale with cell time
+# opening a connection is up to the host: it does not scale with cell time
+CONNECT_TIMEOUT_WALL_S = 3.0
 _NO_TIMEOUT_WALL_S = (
     86400.0  # pymodbus' own, for replies too, is the wall clock's: the link's counts
 )

@@ -15,7 +15,7 @@ MAX_PIXELS: Final = 64_000_000  # the largest machine-vision sensors have a litt
 Pixels = Literal["grey", "colour", "stored"]
 """One channel; one or three; or, as in the file, with transparency and all."""
 
-# The sensor's rows stay rows: an orientation tag is for photo albums. "Unchanged" ignores it.
+# The sensor's rows stay rows: an orientation tag is for photo albums, and "unchanged" ignores it.
 _FLAGS: Final[dict[Pixels, int]] = {
     "grey": cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION,
     "colour": cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION,

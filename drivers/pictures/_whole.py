@@ -15,12 +15,12 @@ from ._header import NETPBM, PNG_BEGIN, TIFF_HEIGHT, TIFF_WIDTH, size_in_header,
 
 # bits a pixel by colour type: ISO/IEC 15948, 11.2.2 (channels times the bit depth)
 _PNG_CHANNELS: Final = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
-_PNG_PIECE_BYTES: Final = 1 << 20  # unpacked at a time, so that a small file fills no memory
+_PNG_PIECE_BYTES: Final = 1 << 20  # bytes unpacked at a time, so that a small file fills no memory
 # TIFF 6.0, section 8: where the strips or tiles are, and what a pixel is
 _TIFF_BITS, _TIFF_COMPRESSION, _TIFF_SAMPLES = 258, 259, 277
 _TIFF_PLACES: Final = ((273, 279), (324, 325))  # offsets and byte counts of strips, of tiles
 _TIFF_UNCOMPRESSED: Final = 1
-_BMP_RAW: Final = (0, 3)  # no compression; the same with masks of the channels
+_BMP_RAW: Final = (0, 3)  # codes of uncompressed pictures: plain, and with masks of the channels
 _PLAIN_NUMBER: Final = re.compile(rb"#[^\n]*\n|(\d+)")
 
 

@@ -28,8 +28,8 @@ LOOK_WALL_S: Final = 0.02  # period of looks at the clock
 CONNECT_WALL_S: Final = 0.2  # time-out of a connection, so that no device delays the others
 AGAIN_WALL_S: Final = 1.0  # pause before an unreachable device is tried again
 PACKET_BYTES: Final = 1 << 16
-MAX_CALL_BYTES: Final = 64  # bytes of a request that identify it
-# by which people and systems end a run
+MAX_CALL_BYTES: Final = 64  # leading bytes of a request that identify it
+# signals by which people and systems end a run
 ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP, signal.SIGTSTP)
 
 

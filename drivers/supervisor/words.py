@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 BEAT_S: Final = 0.1  # period of heartbeats [cell s]
 # Heartbeats missed before every wire is stopped: half a second, which no healthy loop is late.
 MISSED_BEATS: Final = 5
-# Heartbeats missed before inputs, a signal or a caller count, on which a loop that runs would have
+# Heartbeats missed before inputs, a signal or a caller count, on which a running loop would have
 # acted. A loop that an emulated cell's time waits for is up to half a beat late (shared-clock.md
 # 4).
 BLIND_BEATS: Final = 2.0

@@ -83,7 +83,7 @@ __all__ = [
 
 MAX_PLAY_DEG: Final = 2.0  # above it the gear is broken
 MAX_JAW_ZERO_MM: Final = 5.0
-# settings, the least and the most of each; SPEED and MAX_FORCE as drivers have used them
+# limits of each setting; SPEED and MAX_FORCE as drivers have used them
 _LIMITS: Final = (
     ("jaw_speed", 1, c.MAX_SPEED),
     ("jaw_force", 1, 60),

@@ -33,8 +33,8 @@ from .protocol.constants import ADDRESSES, Axis, Ip, Simple, StatusBits
 log = logging.getLogger(__name__)
 T = TypeVar("T")
 
-# How often a verb is tried on a line that noise makes uncertain. With 3, 15 of 20 sessions that
-# noise struck three times or more ended in homing, 1000 exchanges long: docs/measurements.md.
+# Tries of a verb on a line that noise makes uncertain. With 3, 15 of 20 sessions that noise struck
+# three times or more ended in homing, 1000 exchanges long: docs/measurements.md.
 _TRY_COUNT: Final = 5
 
 

@@ -14,7 +14,7 @@ from .device import V4l2Device
 from .kernel import abi
 from .wires import FuseMount, SocketCamera, can_mount
 
-_SELF_TEST_TIMEOUT_S: Final = 30.0  # a hang is meant, not a busy machine
+_SELF_TEST_TIMEOUT_S: Final = 30.0  # a hang, not a busy machine
 
 
 class CameraServer:

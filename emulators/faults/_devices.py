@@ -12,7 +12,7 @@ from emulators.umi_scara import Axis
 from ._plant import Plant
 
 Answer = dict[str, Any]
-DEVICES = ("arm", "gripper", "io")  # and the modules of the lamp unit
+DEVICES = ("arm", "gripper", "io")  # besides the modules of the lamp unit
 
 
 class DevicesAndWires:

@@ -16,7 +16,7 @@ FRAME_GAP_CHARACTERS: Final = 3.5  # serial line V1.02, 2.5.1.1
 FIXED_GAP_ABOVE_BAUD: Final = 19200  # above it the standard recommends a fixed gap ...
 FIXED_GAP_S: Final = 0.00175  # ... of 1.750 ms
 
-# Length of the request PDU by function code; negative: the byte at -n counts what follows it.
+# Length of the request PDU by function code; negative: the byte at -n counts the bytes after it.
 _PDU_LENGTH: Final = {
     0x01: 5,
     0x02: 5,

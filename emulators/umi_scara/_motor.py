@@ -12,8 +12,8 @@ from typing import Final
 ACCELERATION_S: Final = 0.25  # from rest to the speed of the move; umi_rtx.md 7
 LAG_S: Final = 0.05  # the true position trails by v * 0.05 s; umi_rtx.md 7
 
-# No source times a stall. It is long against the lag and short enough that at top speed the
-# error stays below the default ERROR_LIMIT, so that an end stop raises bit 3 and not bit 2.
+# No source times a stall. It is long against the lag, and short enough that at top speed the error
+# stays below the default ERROR_LIMIT, so that an end stop raises bit 3 and not bit 2.
 STALL_S: Final = 0.15
 STANDSTILL_COUNTS_PER_S: Final = 1.0
 # A manual drive that is held back does not run ahead for ever. The value lies between the default

@@ -17,7 +17,8 @@ from ._wire import ArmWire
 log = logging.getLogger(__name__)
 
 READ_SIZE: Final = 4096
-# The loop's timer rounds a wait up to whole milliseconds; half of one early is as near as half late
+# The loop's timer rounds a wait up to whole milliseconds; half a millisecond early is as near as
+# half late.
 TIMER_GRAIN_WALL_S: Final = 0.0005
 
 

@@ -17,8 +17,8 @@ from controller.arrays import BoolArray, FloatArray, Int32Array
 FaceKind = Literal["plane", "cylinder", "cone", "sphere", "torus", "freeform"]
 
 NO_DIRECTION: FloatArray = np.zeros(3)
-# A wall that turns further is a bore, a boss, the end of a slot or a lug; what turns less is a
-# rounded edge or corner. Some degrees less than a half turn, since facets stand for it.
+# A wall that turns further is a bore, a boss, the end of a slot or a lug; a wall that turns less is
+# a rounded edge or corner. A few degrees short of a half turn, since facets approximate the wall.
 HALF_TURN_RAD: Final = float(np.radians(170.0))
 _ARCS_RAD: Final = np.linspace(2 * np.pi, 1e-6, 721)
 _ARC_SHARES: Final = np.sin(_ARCS_RAD / 2) / (_ARCS_RAD / 2)

@@ -43,7 +43,7 @@ MAX_DRAWN_TRIANGLES = 50_000_000  # in the drawings of all poses: 41 of 1.2 mill
 USUAL_DEFECT_MM = 3.0
 CHOICE_SPACING_MM = 4.0  # spacing of the samples by which views are chosen
 MAX_NAMED = 4  # poses named one by one in a remark
-USUAL_DENSITY_G_CM3 = 2.7  # aluminium, as in a recipe that does not say
+USUAL_DENSITY_G_CM3 = 2.7  # aluminium, the default of recipes
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ FEW_COUNT = 40  # of these points, as many as show that most are far from the su
 COVER = 1.5  # in mean distances of targets: hardly a point is farther from the nearest
 NEAR, NEARER = 6, 40  # triangles tried for each point, and where that leaves an ambiguity
 LOOSE = 10.0  # in tolerances: a guess this near is worth a small correction
-CORNER_MM = 0.1  # a quarter of how far corners of one kind differ in their distances
+CORNER_MM = 0.1  # a quarter of the spread of the distances of corners of one kind
 SAME = 0.07  # norm of the difference of rotations 3 degrees apart
 UNSURE_SHARE = 0.2  # share of points off the surface above which no closer look is needed
 

@@ -17,9 +17,9 @@ from controller.imaging import Camera, inverse_pose, transform
 from ._model import ViewModel
 
 FRONT, EDGE_ON, BACK = 1, 0, -1
-# A wall parallel to the line of sight is neither in front nor behind. CAD files in single
-# precision and orientations found on hull facets turn it by up to some 1e-5 rad, and the width it
-# then shows by up to 1e-4 mm: less than that is nothing to be seen.
+# A wall parallel to the line of sight is neither in front nor behind. CAD files in single precision
+# and orientations found on hull facets turn it by up to some 1e-5 rad, and the width it then shows
+# by up to 1e-4 mm: less than that is invisible.
 EDGE_ON_RAD = 2e-5
 EDGE_ON_MM = 1e-4
 ALONG_RAD = 3e-4  # largest error of an axis fitted to a mesh

@@ -31,7 +31,7 @@ from .bench import UNCALIBRATED_MM, Bench, with_clearance
 from .errors import StepFailedError
 from .person import Errand
 
-# Farther than any gear plays that is not broken, and than a count of rounding.
+# Larger than the play of any sound gear, and than the rounding to a count.
 APPROACH_RAD: Final = float(np.radians(1.5))
 # shoulder, elbow, yaw and pitch are turned back; with pitch alone both motors of the wrist are
 APPROACH: Final = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0]) * APPROACH_RAD

@@ -4,7 +4,7 @@ from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-# characters at most
+# largest length in characters
 MAX_WHO: Final = 200
 MAX_WHY: Final = 1000
 MAX_KEY: Final = 80

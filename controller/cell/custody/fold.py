@@ -68,8 +68,8 @@ TOUCHED: Final[Mapping[str, frozenset[GripperName]]] = {
     Once.OPEN_ARM_GRIPPER: frozenset({GripperName.ARM}),
     Once.OPEN_FIXED_GRIPPER: frozenset({GripperName.FIXED}),
 }
-# The kinds of rows that `fold_custody` reads, without the names of those that change nothing of
-# custody and are most of a journal, and the events.
+# The kinds of rows that `fold_custody` reads, without events and without the rows that leave
+# custody unchanged, which are most of a journal.
 FOLDED_KINDS: Final[tuple[RowKind, ...]] = ("custody", "intent")
 NOT_FOLDED: Final = (rows.PathBegun.row_name,)
 FOLDED_EVENTS: Final = (

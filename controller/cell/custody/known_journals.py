@@ -44,7 +44,7 @@ from .fold import CellIdentity, read_folded
 
 FOLDER: Final = "journals"
 EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-# What of a run's first row says which cell it was in.
+# Fields of a run's first row that identify its cell.
 _IDENTITY: Final = {"devices", "emulated_devices", "emulator", "clock"}
 
 log = logging.getLogger(__name__)

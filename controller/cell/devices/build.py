@@ -43,7 +43,7 @@ _LINE_AS_BEFORE = {
     for key, field in LineSection.model_fields.items()
     if key not in DeviceSection.model_fields
 }
-IO_POLL_WALL_S = 0.02  # an emulated block is not polled more often, however fast its time runs
+IO_POLL_WALL_S = 0.02  # period of polls of an emulated block, however fast its time runs
 STALE_POLLS = 5
 
 

@@ -11,8 +11,9 @@ from drivers.kinds import Arm, FixedGripper, LampUnit, Stop
 
 log = logging.getLogger(__name__)
 
-# A stop comes twice: at once, while the task that moves the arm is being ended, and again by the
-# state that follows, which reports who did not confirm. Both together take the time allowed.
+# Share of the allowed time for the first of two stops: the first is sent while the task that moves
+# the arm is being ended, the second by the state that follows, which reports devices that did not
+# confirm.
 AT_ONCE_SHARE = 0.4
 CONFIRM_S = 1.0
 

@@ -9,8 +9,8 @@ from typing import Any, Final, Literal
 RowKind = Literal[
     "event", "intent", "outcome", "observation", "decision", "custody", "lease", "config"
 ]
-# Rows of these names were once written with another kind. They are read as rows of the kind that
-# they have now; what stands in the file stays, since the hashes are of it.
+# Rows of these names were once written with another kind. They are read with today's kind; the file
+# stays as it is, since the hashes cover it.
 EARLIER_KINDS: Final[Mapping[str, tuple[RowKind, RowKind]]] = {
     "lease_taken": ("decision", "lease"),
     "lease_returned": ("decision", "lease"),
@@ -41,7 +41,7 @@ BEGIN SELECT RAISE(ABORT, 'the journal is append-only'); END;
 """
 GENESIS: Final = "0" * 64
 JOURNAL_NAME: Final = "journal.sqlite"
-# The key of a body under which the writer notes the instant on the cell's clock.
+# The key under which the writer notes the instant on the cell's clock.
 CELL_TIME: Final = "cell_s"
 
 

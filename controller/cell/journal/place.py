@@ -15,7 +15,7 @@ from ._form import JournalError
 LOG_SUFFIX: Final = "-wal"
 INDEX_SUFFIX: Final = "-shm"
 MOUNTS: Final = Path("/proc/self/mountinfo")
-# Types of file systems whose files are another computer's, or the host's of a virtual machine
+# Types of file systems whose files are on another computer or on the host of a virtual machine
 # (Linux, Documentation/filesystems; proc_pid_mountinfo(5), field 9).
 NETWORK_TYPES: Final = frozenset(
     {
@@ -26,7 +26,7 @@ NETWORK_TYPES: Final = frozenset(
     }
 )  # fmt: skip
 # FUSE runs file systems of both kinds. Those of another computer name it in their source, as in
-# user@host:/folder, //host/share or https://host, or are known by their name.
+# user@host:/folder, //host/share or https://host, or have a known name.
 NETWORK_FUSE: Final = frozenset(
     {
         "afpfs", "ceph", "curlftpfs", "davfs", "davfs2", "gcsfuse", "glusterfs", "goofys",

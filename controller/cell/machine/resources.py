@@ -31,8 +31,8 @@ PLACES: Final[Mapping[Resource, int]] = {one: number for number, one in enumerat
 
 _R = Resource
 _HAND: Final = (_R.ARM, _R.ARM_GRIPPER)
-# What each action uses. One that stops must not wait for anything; one that holds a pause, or ends
-# it, acts within what the paused action has.
+# Devices that each action uses. An action that stops must not wait for anything; one that holds or
+# ends a pause works within what the paused action has.
 NEEDS: Final[Mapping[Effect, tuple[Resource, ...]]] = {
     Effect.HOME: tuple(Resource),
     Effect.RECOVER: tuple(Resource),

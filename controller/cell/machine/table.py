@@ -117,7 +117,7 @@ class Mode(StrEnum):
     UNSUSPENDING = "unsuspending"
 
 
-# What can be paused, and the effect of entering it.
+# Work that can be paused, and the effect of entering it.
 WORK: Final[Mapping[str, Effect]] = {
     RESETTING: Effect.HOME, **STAGES, COMPLETING: Effect.COMPLETE,
 }  # fmt: skip
@@ -201,8 +201,8 @@ _STOPPABLE: Final = ("holding", "held", "idle", *_ANY_WORK)
 # A fault is taken even at rest: an open door or a lost device is reported at once.
 _FAULTABLE: Final = (*_STOPPABLE, "stopping", "clearing")
 
-# How one piece of work follows on another: event, from, to. It does so in every mode: what ends
-# while the cell pauses has ended, and what follows waits before it moves anything.
+# Order of the pieces of work: event, from, to. It holds in every mode: work that ends while the
+# cell pauses has ended, and the work after it waits before it moves anything.
 WORK_TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.PICTURE_TAKEN, ("acquiring",), "recognising"),
     (Event.PART_RECOGNISED, ("recognising",), "planning"),
@@ -229,8 +229,8 @@ WORK_TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.PLACED, ("placing", "recovering"), COMPLETING),
     (Event.PART_DONE, (COMPLETING,), "acquiring"),
 )
-# The mode after a piece of work has ended in a mode. What was about to be resumed is no longer what
-# the operator saw as the first motion: it is paused again.
+# The mode after a piece of work has ended in a mode. Work about to be resumed is paused again,
+# since its first motion is no longer the one that the operator saw.
 _MODE_AFTER: Final = {mode: mode for mode in Mode} | {Mode.UNSUSPENDING: Mode.SUSPENDED}
 
 TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
@@ -322,14 +322,14 @@ COMMANDS: Final = (
     Event.RESET, Event.START, Event.RECOVER, Event.STOP, Event.CLEAR, Event.FAULT, *PAUSES,
     Event.RESUME, Event.STEP, Event.GUARD_OPENED, Event.ACKNOWLEDGE,
 )  # fmt: skip
-# With these a person, or the order that a person gave, permits motion.
+# Commands by which a person, or an order that a person gave, permits motion.
 PERMITTING: Final = frozenset(
     {
         Event.RESET, Event.START, Event.RECOVER, Event.RESUME, Event.STEP, Event.LOOK_AGAIN,
         Event.PART_TAKEN_OUT,
     }
 )  # fmt: skip
-# Where nothing may move, whatever was permitted before.
+# States in which nothing may move, whatever was permitted before.
 FORBIDDING: Final = frozenset({*RESTING, "holding", "stopping", "aborting", "clearing"} - {"idle"})
 _OUTCOMES: Final = tuple(event for event in Event if event not in COMMANDS)
 # States entered by overtaking an effect, with the outcomes that are awaited in them.

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from ..journal import rows
 
-ALIVE_COUNT_MAX: Final = 5  # commands that run at a time; further alarms are not passed on
+ALIVE_COUNT_MAX: Final = 5  # largest number of commands at a time; further alarms are not passed on
 END_WALL_S: Final = 5.0  # time left for the last commands once the run has ended
 
 log = logging.getLogger(__name__)

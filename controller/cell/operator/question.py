@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-ACK: Final = "ack"  # what is typed to acknowledge
+ACK: Final = "ack"  # word to type for an acknowledgement
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,11 +12,11 @@ LOOK: Final = "look"
 OUT: Final = "out"
 STOP: Final = "stop"
 
-# The problem of a cell that has not been homed: to look again there is to reset it again.
+# The problem of a cell that has not been homed; looking again means to reset it again.
 NOT_EMPTY: Final = "fixture_not_empty"
-# The problem of a tray without a free nest: to look again there is to state that it is empty.
+# The problem of a tray without a free nest; looking again means to state that it is empty.
 TRAY_FULL: Final = "tray_full"
-# The problem of a part whose number nobody read: to look again there is to ask for it again.
+# The problem of a part whose number nobody read; looking again means to ask for it again.
 NO_SERIAL: Final = "no_serial"
 
 _STOP: Final = Choice(STOP, "end the run; nothing is released")
@@ -24,7 +24,7 @@ _OUT: Final = Choice(
     OUT, "I took the part out of the cell: check that both grippers are empty, then the next part"
 )
 _AWAY: Final = Choice(OUT, "I took the part off the table: go on with the next part")
-# What leads back to the work where the part is on the table, or should be.
+# Ways back to the work where the part is on the table, or should be.
 _ON_TABLE: Final[Mapping[str, str]] = {
     "no_part": "I have laid a part on the table: take new pictures",
     "many_parts": "the table is cleared up, or parts lie further apart: take new pictures",
@@ -34,7 +34,7 @@ _ON_TABLE: Final[Mapping[str, str]] = {
     "no_plan": "I have laid the part another way up: take new pictures",
 }
 _ASKS: Final = "The part is not where it should be. Is it on the table?"
-# What moves first after a choice that moves something.
+# First motion after a choice that moves something.
 _FIRST: Final[Mapping[str, str]] = {
     LOOK: "the arm goes back along its own path and parks, unless it stands there; then come "
     "pictures",

@@ -47,7 +47,8 @@ class Bounds(Carried):
         return np.asarray((self.low + self.high) / 2)
 
 
-# A restarted board answers its next request so; in motion each is asked many times a second.
+# A restarted board answers its next request with its restart code; in motion each board is polled
+# many times a second.
 NOTICED_S: Final = 0.5
 
 # Proves that homing from anywhere within bounds, with the part of a run, touches nothing.

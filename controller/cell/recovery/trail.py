@@ -15,10 +15,10 @@ from controller.arrays import FloatArray
 
 from ..journal import rows
 
-# How far from a path a stopped arm may stand: axes that slow down out of step, servo error
+# Largest distance of a stopped arm from its path: axes that slow down out of step, servo error
 # [rad, rad, rad, mm, rad, rad].
 OFF_PATH: Final = np.array([0.06, 0.06, 0.06, 12.0, 0.06, 0.06])
-# Closer than this, it is there [rad, mm].
+# Tolerance of arrival [rad, mm].
 THERE: Final = np.array([0.004, 0.004, 0.004, 0.5, 0.004, 0.004])
 
 

@@ -13,7 +13,7 @@ from ..custody.release_guard import LOST_MM, NOTHING_MM
 from ..devices import Devices
 from .interrupted import Interrupted
 
-# Jaws that stand so much wider than on the part have let go of it.
+# Jaws wider than on the part by this much have let go of it.
 LET_GO_MM: Final = 2.5
 
 

@@ -17,7 +17,7 @@ from controller.cell.journal.rows import LeaseReturned, LeaseTaken
 from controller.cell.machine import Resource
 from drivers.clock import CellClock
 
-# An action that is over gives back at once: whoever waits longer waits for a bug.
+# An action that is over gives its lease back at once; a longer wait is a bug.
 PATIENCE_S: Final = 60.0
 
 

@@ -37,14 +37,14 @@ from drivers.kinds import Arm
 from .gate import Gate, Mover, NextMotion
 from .interlocks import Interlocks
 
-# A part that met the tray so far above its place has slipped in the jaws; one that met something
-# higher up may stand on anything. To let it fall so far harms nothing.
+# A part that met the tray this far above its place has slipped in the jaws; one that met something
+# higher up may stand on anything. A fall from this height does no harm.
 TOUCH_MM = 10.0
-# of joints in the journal: 1e-6 rad, 1e-6 mm
+# decimals of joint values in the journal: 1e-6 rad, 1e-6 mm
 DECIMALS = 6
 # A motion outside the steps of a plan may take this many times its forecast, and so much more.
 WORST_SHARE, WORST_MORE_S = 1.25, 3.0
-# A slow motion is cut into moves of so much time at full speed: at a quarter of that, gripper and
+# Duration of each piece of a slow motion at full speed: at a quarter of that speed, gripper and
 # part then stray 3 mm more than planned, and 36 mm in one move (69 moves of two simulated parts).
 SLOW_PIECE_S = 0.4
 

@@ -26,7 +26,7 @@ from .records import BatchRecord
 SomeStep = TypeVar("SomeStep", bound=Step)
 
 
-# Where the cell stands when a step of a kind has ended.
+# State of the cell at the end of each kind of step.
 STEP_ENDS: Final[Mapping[type[Step], SafePoint]] = {
     Look: SafePoint.PARKED,
     Pick: SafePoint.LIFTED,

@@ -19,12 +19,12 @@ from .recording import Callers
 
 Opened = TypeVar("Opened")
 
-PROMPT_S: Final = 0.12  # a reply that was in time takes no longer: the arm's time-out is 0.14 s
+PROMPT_S: Final = 0.12  # longest time of a reply that was in time: the arm's time-out is 0.14 s
 END_S: Final = (
     2.0  # of cell time: from the last motion to the end of a run, devices are only polled
 )
 RENAMED_S: Final = 0.02  # wait for a sender that has been renamed since the recording
-OVERDUE_S: Final = 0.2  # of cell time; a recorded loop was never late by that much
+OVERDUE_S: Final = 0.2  # in cell time; a recorded loop was never late by this much
 ENDED: Final = "the recording has ended"
 
 

@@ -34,7 +34,7 @@ Result = TypeVar("Result")
 
 BEAT_S: Final = 2.0  # this loop is never late: every timer is run at its instant
 STATE_HOME: Final = "XDG_STATE_HOME"  # where a run notes its journal
-FIRST_FD: Final = 1_000_000  # no file's
+FIRST_FD: Final = 1_000_000  # no file has this number
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from controller.config import ConfigError
 
 from ..terminal.output import emit, print_line, warn
 
-# Of a cell that was paused while it computes: what comes first shows once it is known.
+# Shown for a cell that was paused while it computes; the first motion is shown once it is known.
 NOT_KNOWN_YET = "not known yet: the cell still computes what comes next"
 
 

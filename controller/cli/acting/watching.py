@@ -15,7 +15,7 @@ from ..terminal.output import emit, print_line, stdout, warn
 from .orders import status_lines
 
 LOOK_WALL_S: Final = 0.25  # time between two looks
-# a run that starts or ends, or whose machine is busy, may not answer for so long
+# longest silence of a run that starts or ends, or whose machine is busy
 SILENT_WALL_S: Final = 30.0
 BAR_COUNT: Final = 30  # characters of the bar of steps
 

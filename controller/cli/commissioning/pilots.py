@@ -39,7 +39,7 @@ home !   park p   typed order : (motor, lamp, amounts)   this page ?   quit Q
 STOP              space or Esc; Ctrl-C stops and ends"""
 ESC: Final = "\x1b"
 STOPS: Final = (" ", ESC)
-# What follows an Esc within so long is the rest of an arrow or function key, and no order.
+# Bytes that follow an Esc within this time are the rest of an arrow or function key, and no order.
 REST_OF_KEY_WALL_S: Final = 0.1
 MAX_SCRIPT_BYTES: Final = 1 << 20
 

@@ -21,7 +21,7 @@ from .drive_json import (
     trays_json,
 )
 
-# Raised when a key changes its meaning or goes; new keys may come without.
+# Raised when a key changes its meaning or goes; new keys do not raise it.
 FORMAT = 1
 
 

@@ -19,7 +19,7 @@ from .certificates import counted, covered_words
 from .characteristics import characteristic_json, print_checked
 from .plan_json import certificate_json
 
-MAX_REASON: Final = 200  # letters of a reason in a recipe
+MAX_REASON: Final = 200  # longest reason in a recipe [characters]
 
 
 def check_recipes(asked: Sequence[AskedRecipe], cell_path: Path | None, *, as_json: bool) -> int:

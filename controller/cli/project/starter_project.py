@@ -11,7 +11,7 @@ from ..terminal.output import emit, print_line
 
 STARTER: Final = Path(__file__).parent / "starter"
 RECIPE: Final = SHIPPED / "holder.yaml"
-FILES: Final = {  # by name in the project
+FILES: Final = {  # contents by file name in the project
     "README.md": STARTER / "README.md",
     "plan_part.py": STARTER / "plan_part.py",
     "parts/holder.stl": SHIPPED / "parts" / "holder.stl",

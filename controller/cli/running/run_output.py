@@ -24,8 +24,8 @@ from ..terminal.output import (
     write_error_line,
 )
 
-# alarms (docs/alarms.md) that a wrong calibration raises: stalls, and what is not where it should
-# be
+# alarms (docs/alarms.md) that a wrong calibration raises: stalls, and objects found elsewhere than
+# expected
 MAY_BE_CALIBRATION: Final = frozenset({310, 320, *range(401, 417)})
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from .output import write_error_line
 
 QUIET_S = 3.0  # a part compiled in less time is reported by its result alone
-EVERY_S = 5.0  # one line in so many seconds, and one for each stage that begins after the first
+EVERY_S = 5.0  # seconds between lines; each stage after the first also begins with one
 
 
 @dataclass(eq=False, slots=True)

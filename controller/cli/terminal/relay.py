@@ -12,10 +12,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final, TextIO
 
-# Live lines that wait for their reader, some minutes of a run; further ones are left out. What is
-# said once (questions, warnings, results) is not counted: there is little of it.
+# Live lines that wait for their reader, some minutes of a run; further ones are left out. Lines
+# that come once (questions, warnings, results) do not count: they are few.
 LIVE_LINE_COUNT: Final = 1000
-# In the end a reader is waited for as long as it takes something so often [wall s].
+# In the end a reader gets as long as it takes something this often [wall s].
 STALL_WALL_S: Final = 2.0
 END_WALL_S: Final = 10.0  # longest wait for the reader; until then nobody else can take the cell
 

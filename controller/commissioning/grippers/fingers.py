@@ -17,19 +17,19 @@ from controller.commissioning.kinematics import CellFit, Fault
 from controller.commissioning.kinematics.noise import Whitening
 from controller.imaging.edges import measure_edges
 
-_SPACING_PX: Final = 3.0  # of rays along an edge: neighbours see the same noise
-_TIP_SHARE: Final = 0.5  # of a finger's length, from its tip: beyond are palm and screws
-_CORNER_SHARE: Final = 0.12  # of an edge, from its ends: corners are rounded
+_SPACING_PX: Final = 3.0  # spacing of rays along an edge: neighbours see the same noise
+_TIP_SHARE: Final = 0.5  # share of a finger's length used, from its tip: beyond are palm and screws
+_CORNER_SHARE: Final = 0.12  # share of an edge left out at its ends: corners are rounded
 _EDGE_MIN_PX: Final = 12.0
-_CLEAR_PX: Final = 6.0  # of the other finger's outline
+_CLEAR_PX: Final = 6.0  # least distance from the other finger's outline
 _REACH_PX: Final = 25.0  # a finger may be 4 mm from where the drawing has it
-_LIGHT_PX: Final = 0.3  # light that creeps round an edge, and rounding, move all edges alike
-_SHAPE_MM: Final = 0.02  # how true fingers are to their drawing
+_LIGHT_PX: Final = 0.3  # light that creeps round an edge, and rounding, shift all edges alike
+_SHAPE_MM: Final = 0.02  # accuracy of fingers to their drawing
 _NOISE_MIN_PX: Final = 0.05  # edges are a little rounded, whatever the picture's noise
 _OUTLIER_SIGMA: Final = 6.0
 _ROUNDS: Final = 5
 _L1_ROUNDS: Final = 12
-_RAYS_MIN: Final = 60  # of all looks
+_RAYS_MIN: Final = 60  # least number of rays of all looks
 _LOOKS_MIN: Final = 4
 _STEP: Final = 1e-4
 

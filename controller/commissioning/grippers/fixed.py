@@ -23,9 +23,9 @@ _OBSERVED: Final = 0.5  # a freedom is observed if its spread shrinks to this sh
 _OUTLIER_SIGMA: Final = 5.0
 _ROUNDS: Final = 6
 _STEP: Final = 1e-5
-_NORMAL: Final = 4  # of a pose's six: along y, which the jaws open along
-_TILTS: Final = (0, 2)  # about x and z: how that plane is inclined
-_DECIDED: Final = (*_TILTS, _NORMAL, "opening")  # by touches
+_NORMAL: Final = 4  # index of a pose's normal: along y, which the jaws open along
+_TILTS: Final = (0, 2)  # indices about x and z: the inclination of that plane
+_DECIDED: Final = (*_TILTS, _NORMAL, "opening")  # unknowns decided by touches
 
 
 class TouchError(Exception):

@@ -96,7 +96,8 @@ class CameraPrior:
         )
 
 
-_PRINT_SCALE: Final = even_std(0.0002)  # of a print measured by a caliper: 0.03 mm in 150 mm
+# of a print measured by a caliper: 0.03 mm in 150 mm; one standard deviation
+_PRINT_SCALE: Final = even_std(0.0002)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

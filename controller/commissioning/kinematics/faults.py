@@ -27,12 +27,12 @@ from .play import Play
 from .solve import CellFit, calibrate_cell, stacked
 
 _LIKELIER: Final = 30.0  # in the logarithm's units: odds of a million to one
-# how large faults are that happen, one standard deviation
+# standard deviation of the faults that occur
 _LOOSE_SCALE: Final = 0.02
 _LOOSE_MOVE: Final = np.array([radians(0.5)] * 3 + [4.0] * 3)
-_LOOSE_JOINTS: Final = 3.0  # times the noise that counters leave
-_CORNERS_MIN: Final = 12  # of a board, in both of two pictures
-_PICTURES_MIN: Final = 3  # before and after a move; fewer could be chance
+_LOOSE_JOINTS: Final = 3.0  # in multiples of the noise that counters leave
+_CORNERS_MIN: Final = 12  # least corners of a board, in both of two pictures
+_PICTURES_MIN: Final = 3  # least pictures before and after a move; fewer could be chance
 
 
 @dataclass(frozen=True, slots=True)

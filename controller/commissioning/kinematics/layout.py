@@ -22,7 +22,7 @@ from ._types import BoardPicture, CellPrior
 LENS: Final = ("focal", "aspect", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 POSE: Final = ("rx_rad", "ry_rad", "rz_rad", "x_mm", "y_mm", "z_mm")
 _PLACED: Final = ("x_mm", "y_mm", "rz_rad")
-_STEP: Final = 1e-3  # of central differences, as a share of a figure's bound
+_STEP: Final = 1e-3  # step of central differences, as a share of a figure's bound
 _JOINT_STEP: Final = 1e-5
 
 

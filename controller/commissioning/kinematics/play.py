@@ -21,7 +21,7 @@ from .uncertainty import radius_u
 
 _OUTLIER_SIGMA: Final = 5.0
 _NOISE_MIN_PX: Final = 0.02
-_U_MAX_RAD: Final = np.radians(0.1)  # a play known less well says nothing
+_U_MAX_RAD: Final = np.radians(0.1)  # a play with a larger uncertainty is not reported
 _HOMINGS_MIN: Final = 3
 
 

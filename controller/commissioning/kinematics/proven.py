@@ -12,7 +12,7 @@ from .faults import Fault, find_faults
 from .play import Play
 from .solve import CellFit, calibrate_cell
 
-MAX_ODD = 2  # more than these is no chance
+MAX_ODD = 2  # more than these are not chance
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,13 +28,13 @@ from .noise import (
     within_picture,
 )
 
-_FIRST_NOISE_PX: Final = 1.0  # of the first fit: its start is tens of pixels off
+_FIRST_NOISE_PX: Final = 1.0  # noise assumed in the first fit, whose start is tens of pixels off
 _ROBUST_AT: Final = 4.0  # in these units a residual counts less than its square
 _OUTLIER_SIGMA: Final = 5.0
-# where edges run along rows, corners of one picture err together by as much; a smaller figure would
-# leave out the corners of such a picture one by one, until the rest of them tilts it
+# Where edges run along rows, the corners of one picture share errors of this size; a smaller figure
+# would leave out the corners of such a picture one by one, until the rest of them tilts it.
 _NOISE_MIN_PX: Final = 0.02
-_CORNERS_MIN: Final = 6  # a picture with fewer fixes a pose and checks nothing
+_CORNERS_MIN: Final = 6  # a picture with fewer determines a pose and checks nothing
 _OBSERVED: Final = 0.5  # an unknown is observable if its spread shrinks to this share
 _ROUNDS: Final = 3
 

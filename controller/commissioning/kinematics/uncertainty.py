@@ -18,7 +18,7 @@ from .layout import POSE
 from .solve import CellFit
 
 _WITHIN: Final = 0.95
-_STEP: Final = 1e-4  # of central differences, in standard deviations of the prior
+_STEP: Final = 1e-4  # step of central differences, in standard deviations of the prior
 _RELEVANT: Final = ("base", "arm")
 
 

@@ -6,9 +6,10 @@ import numpy as np
 
 from controller.arrays import FloatArray
 
-STEADY_SHARE: Final = 0.02  # of the final light; less is lost in what LEDs lose as they warm up
+# share of the final light; a smaller change is lost among the LEDs' losses as they warm up
+STEADY_SHARE: Final = 0.02
 MIN_SAMPLES: Final = 6
-FINAL_SHARE: Final = 0.25  # so many of the last samples give the final light
+FINAL_SHARE: Final = 0.25  # share of the last samples that gives the final light
 
 
 class TooFewSamplesError(ValueError):

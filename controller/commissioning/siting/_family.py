@@ -28,7 +28,7 @@ PER_POSE_COUNT = 4  # grasps kept for picking the part up from each stable pose
 PICK_TURN_COUNT = 6
 PICK_LIFT_MM = 85.0
 PICK_PATH_COUNT = 2  # branches of the arm per grasp and place
-MAX_BRANCH_COUNT = 1000  # more than the kinematics number
+MAX_BRANCH_COUNT = 1000  # more branches than the kinematics has
 # Two grasps complete each other if together they show this share of what all grasps show.
 SHOWS_ALL = 0.99
 

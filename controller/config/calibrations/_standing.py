@@ -11,8 +11,9 @@ from ..calibration_reference import CalibrationName, CalibrationReference
 from ._models import Calibration, VerificationRecord
 
 VERIFY = "cellctl commission --step verify"
-# what arm and station camera leave between them from view to view of a held part
-DRIFT_PARTS: Final = 5  # that many parts decide: one alone may have slipped
+# Drift from view to view of a held part that arm and station camera leave; decided by this many
+# parts, since one alone may have slipped.
+DRIFT_PARTS: Final = 5
 MAX_OFF_MM: Final = 0.3
 DRIFTING: Final[tuple[CalibrationName, ...]] = ("inspection", "arm")
 

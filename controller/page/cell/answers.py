@@ -22,7 +22,7 @@ from .cells import EVIDENCE_KINDS, CellFile, CellFiles, History, cell_facts, evi
 from .pictures import LastPictures, live_facts
 
 MAX_KEY: Final = 300
-LIVE: Final = "live"  # the last pictures that were asked for, of whichever cell
+LIVE: Final = "live"  # kind of the last pictures requested, of whichever cell
 WATCHED: Final = ("--watch", "300")  # seconds; then the lock is free again by itself
 LIVE_PICTURE: Final = re.compile(r"(?:overhead|inspection)-[a-z_]{1,40}-\d{6,9}\.png")
 

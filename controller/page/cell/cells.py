@@ -30,7 +30,7 @@ EVIDENCE_PAGE: Final = "commissioning.html"
 EVIDENCE_KINDS: Final = {".html": "text/html", ".json": "application/json", ".png": "image/png"}
 MAX_EVIDENCE_COUNT: Final = 2_000
 DRIFT_MAX_COUNT: Final = 300  # parts in the chart, the last ones
-HISTORY_EVERY_S: Final = 60.0  # the whole journal is read no more often
+HISTORY_EVERY_S: Final = 60.0  # shortest time between reads of the whole journal
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,9 @@ from .screens import RefusedError, Upload
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+()-]{0,99}")
 WALL_S: Final = 300.0
 PIECE_WALL_S: Final = 10.0
-SPARE_BYTES: Final = 1_000_000_000  # that stay free on the disk
-# What an archive (3MF is one) may unpack to: more than any sound part, less than the memory.
+SPARE_BYTES: Final = 1_000_000_000  # bytes that stay free on the disk
+# Largest number of files in an archive (3MF is one): more than any sound part has, and less than
+# the memory holds.
 ENTRY_MAX_COUNT: Final = 1_000
 UNPACKED_MAX_BYTES: Final = 1_000_000_000
 UNPACKED_MAX_RATIO: Final = 200

@@ -11,7 +11,7 @@ from controller.results.value_chart import Chart, Line, value_chart
 
 from ..frame.words import word
 
-VALUES_MAX: Final = 400  # of a chart: the newest parts
+VALUES_MAX: Final = 400  # values of a chart: the newest parts
 LIMITS: Final = (("lower", word("lower limit")), ("upper", word("upper limit")))
 CONTROLS: Final = (
     ("upper", word("upper control"), "control"),

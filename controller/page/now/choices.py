@@ -11,7 +11,7 @@ from controller.config import ConfigError, load_cell, load_recipe
 from controller.config.files import read_text
 from controller.config.shipped import SHIPPED, shipped_recipes
 
-FILE_MAX_COUNT: Final = 200  # of a folder; more are not looked at
+FILE_MAX_COUNT: Final = 200  # largest number of files read in a folder
 FOLDERS: Final = (".", "recipes", "cells")
 IS_RECIPE: Final = re.compile(r"^part\s*:", re.MULTILINE)
 IS_CELL: Final = re.compile(r"^devices\s*:", re.MULTILINE)

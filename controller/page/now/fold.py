@@ -10,18 +10,18 @@ from controller.cell.alarms import BY_NUMBER
 from controller.cell.custody import Custody
 from controller.cell.journal import Row, read_row, rows
 
-SIZE_PX: Final = (1280, 1024)  # where the journal does not have it
+SIZE_PX: Final = (1280, 1024)  # size where the journal does not have it
 VIEW_COUNT: Final = 6
 ALARM_COUNT: Final = 12
 ACT_COUNT: Final = 12
 DONE_COUNT: Final = 50
-# A predicted outline is shown by as many points at most.
+# Largest number of points of a predicted outline.
 OUTLINE_POINT_COUNT: Final = 240
 
-# A plan forecasts its slowest tray; the row of the step that was done has the one it was.
+# A plan forecasts its slowest tray; the row of the finished step has the actual one.
 PLACE: Final = "place in tray"
-# The last step of a plan. It is no step of the part, which lies in its tray, and has no row: what
-# the arm drives after the step before is it.
+# The last step of a plan. It is no step of the part, which lies in its tray, and has no row: it is
+# the arm's motion after the last step of the part.
 PARK: Final = "park"
 
 IN_ARM: Final = (Custody.IN_ARM, Custody.IN_BOTH)

@@ -46,18 +46,19 @@ log = logging.getLogger(__name__)
 
 POLL_WALL_S: Final = 0.1
 STATUS_WALL_S: Final = 0.5
-# How often a browser is told how old what it shows is; three beats fit into `FRESH_WALL_S`.
+# Period at which a browser gets the age of its data; three beats fit into `FRESH_WALL_S`.
 BEAT_WALL_S: Final = 1.0
-# A status is shown for so long while the cell is asked anew; an older one says nothing of now.
-# `LOST_MS` of stream.js says the same of the page's own stream.
+# Time for which a status is shown while the cell is polled again; an older one no longer describes
+# the present. `LOST_MS` of stream.js limits the page's own stream alike.
 FRESH_WALL_S: Final = 3.0
-# States in which a run has decided nothing yet about what an earlier one left in a gripper.
+# States in which a run has not yet decided on a part that an earlier one left in a gripper.
 UNDECIDED: Final = ("starting", "stopped")
 WATCHER_MAX_COUNT: Final = 40
-WATCHER_OF_ONE_MAX_COUNT: Final = 10  # so that one account cannot take the room of all
-WATCHER_OF_ADDRESS_MAX_COUNT: Final = 20  # nor one address with several accounts
+WATCHER_OF_ONE_MAX_COUNT: Final = 10  # limit, so that one account cannot take the room of all
+# limit, so that one address with several accounts cannot either
+WATCHER_OF_ADDRESS_MAX_COUNT: Final = 20
 NOW: Final = "now."
-# What of a run is a piece of its own: each is longer than all the rest, and changes on its own.
+# Parts of a run that are sent separately: each is longer than all the rest, and changes on its own.
 APART: Final = ("plan", "views", "table", "parts", "alarms", "acts")
 
 

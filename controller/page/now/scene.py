@@ -24,12 +24,12 @@ from .fold import IN_ARM, Arm, HeldPart, Path
 
 Waypoints = tuple[tuple[float, ...], ...]
 
-# of a motion that is previewed: where between its ends the arm is drawn, and how densely its TCP
+# Shares of a previewed motion at which the arm is drawn, and the spacing of the points of its TCP.
 GHOST_SHARES: Final = (1 / 3, 2 / 3, 1.0)
 TCP_POINT_COUNT: Final = 25
 AXES: Final = 6
 
-CONE_MM: Final = 200.0  # of an eye whose picture meets no table
+CONE_MM: Final = 200.0  # length drawn of the cone of a camera whose picture meets no table
 TRAY_MM: Final = 4.0
 
 

@@ -32,7 +32,7 @@ from .listing import write_list
 LOG_FOLDER: Final = "started"
 LOG_MAX_COUNT: Final = 50
 LIST_KEPT_COUNT: Final = 20
-LAST_NAME: Final = "last.json"  # the last batch that was started here, for `Same again`
+LAST_NAME: Final = "last.json"  # file of the last batch started here, for `Same again`
 SHOWN_MAX_BYTES: Final = 6_000
 SHOWN_LINE_COUNT: Final = 30
 PAPER_MAX: Final = 80

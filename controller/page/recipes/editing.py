@@ -24,7 +24,7 @@ from controller.config.files import write_whole
 from .folder import RecipeFile
 
 MAX_CHANGE_COUNT: Final = 500
-WIDE: Final = 4096  # so that ruamel breaks no line
+WIDE: Final = 4096  # a width at which ruamel breaks no line
 SAME_LIMITS: Final = ("plus", "minus", "fit")  # other ways to state limits
 LIMITS: Final = ("lower", "upper")
 NAMES: Final = ("id", "faces", "kind")

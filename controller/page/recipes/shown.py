@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from ..frame.drawn import why_not_drawn
 
-POINT_MAX_COUNT: Final = 20_000  # of the surface that no view shows
+POINT_MAX_COUNT: Final = 20_000  # largest number of surface points that no view shows
 WHOLE, NOTHING = 0.995, 0.005  # shares of a face that count as all of it, and as none
 PART_KEYS: Final = (
     "part", "unit", "unit_declared", "size_mm", "volume_mm3", "mass_g", "density_g_cm3",

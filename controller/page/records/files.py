@@ -26,7 +26,7 @@ FORMS: Final[Mapping[str, str]] = {
     "csv": "text/csv; charset=utf-8",
     "qif": "application/xml",
 }
-LISTED_FORMS: Final = ("csv", "qif")  # of parts of several runs
+LISTED_FORMS: Final = ("csv", "qif")  # forms for lists of parts of several runs
 
 
 @dataclass(frozen=True, slots=True)

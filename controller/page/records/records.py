@@ -25,17 +25,18 @@ from .work import begin, draw_crop, fill_store
 P = ParamSpec("P")
 T = TypeVar("T")
 
-NEWER_S: Final = 2.0  # a store that was filled so short a time ago is not filled again
-# nor before so many times as long as the last filling took: beside a run that takes little of the
+NEWER_S: Final = 2.0  # age up to which a filled store is not filled again
+# nor within this many times the last filling's duration, so that filling takes little of a run's
 # machine, however many browsers ask
 REST_COUNT: Final = 20
-WAIT_S: Final = 0.1  # an answer waits so long for the filling, then says that it goes on
-CROP_MAX_COUNT: Final = 200  # that are kept, 30 kB each
-QUERIES_AT_ONCE: Final = 4  # questions of the store; the others wait
+WAIT_S: Final = 0.1  # an answer waits this long for the filling, then reports that it goes on
+CROP_MAX_COUNT: Final = 200  # number of crops kept, 30 kB each
+QUERIES_AT_ONCE: Final = 4  # questions to the store at a time; the others wait
 CROPS_AT_ONCE: Final = 2
-SHOWN_COUNT: Final = 50  # parts of which it is known what the journal shows
+SHOWN_COUNT: Final = 50  # number of parts whose pictures in the journal are remembered
 READS_AT_ONCE: Final = 2
-FILES_AT_ONCE: Final = 1  # each takes the drawing process for seconds; the others wait
+# number at a time; each takes the drawing process for seconds, and the others wait
+FILES_AT_ONCE: Final = 1
 END_S: Final = 1.0
 
 

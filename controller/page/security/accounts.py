@@ -20,7 +20,8 @@ from .private_file import SharedFileError, read_private, write_private
 # scrypt's cost: 128 MiB and about half a second for each password that is tried
 COST: Final = 2**17
 BLOCK: Final = 8
-SPARE_BYTES: Final = 2**20  # that OpenSSL takes beside what scrypt needs by its definition
+# bytes that OpenSSL takes beside the requirement of scrypt by its definition
+SPARE_BYTES: Final = 2**20
 MAX_ACCOUNT_COUNT: Final = 200
 MIN_PASSWORD: Final = 10
 MAX_PASSWORD: Final = 200

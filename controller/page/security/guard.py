@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # accounts are kept without the packages of the server
 
 BODY_MAX_BYTES: Final = 65_536
 BODY_WALL_S: Final = 10.0
-# An answer whose reader takes nothing for so long is given up.
+# Time without progress after which an answer to a reader is given up.
 SEND_WALL_S: Final = 20.0
 PATH_MAX: Final = 1024
 HEADER_MAX_BYTES: Final = 16_384

@@ -24,11 +24,12 @@ IDLE_MAX_WALL_S: Final = 12 * 3600.0
 AGE_MAX_WALL_S: Final = 24 * 3600.0
 SESSION_MAX_COUNT: Final = 500
 LINK_MAX_WALL_S: Final = 600.0
-# How old the time of a session's last use may be in its file: the page would end it so much sooner.
+# Age of the time of a session's last use in its file: the page would end the session this much
+# sooner.
 KEPT_WALL_S: Final = 600.0
 UNREAD: Final = "unread"  # no account has this mark
 
-# Log-ins that may fail, from one address and from all together, within a time.
+# Log-ins that may fail within a time, from one address and from all together.
 ATTEMPT_MAX_COUNT: Final = 5
 ATTEMPT_ALL_MAX_COUNT: Final = 60
 ATTEMPT_WALL_S: Final = 300.0

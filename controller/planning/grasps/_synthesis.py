@@ -34,7 +34,7 @@ from .seeds import (
     pre_open,
 )
 
-SORTING_SHARE = 0.8  # share of the contact asked for that coarse rays must find
+SORTING_SHARE = 0.8  # share of the required contact that coarse rays must find
 BATCH_SIZE = 400
 FEW_PICKS = 4  # picks of a stable pose; with fewer, the part is searched densely as it rests
 THIN_SHARE = 1.5  # a part is thin whose rim offers less than this of the contact of two lines

@@ -21,7 +21,8 @@ COARSE_STEP_MM = 4.0  # ray spacing of the first closing, which only shows how t
 MAX_TURN_RAD = float(np.radians(5.0))  # pads turn a part by little more than its pose was wrong
 MAX_SLIDE_MM = 2.0
 LATTICE_COUNT = 3
-SIDES = np.array([1.0, -1.0])[:, None, None, None]  # what raises one pad's wall lowers the other's
+# signs by which a lift of one pad's wall lowers the other's
+SIDES = np.array([1.0, -1.0])[:, None, None, None]
 
 
 def wrong_poses(rules: GraspRules, down: FloatArray | None = None) -> FloatArray:

@@ -24,7 +24,7 @@ STANDING = "the part standing there"
 NEIGHBOUR = "another object on the table"
 STORED = "a part in a tray"
 _NONE = np.iinfo(np.int64).max
-_COLUMN_COUNT = 1  # at the end of what stands, with an index in `names` of its own
+_COLUMN_COUNT = 1  # the column comes last, with an index in `names` of its own
 SELF_MARGIN_MM = 3.0  # margin between links, whose relative place is better known than the world's
 _SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 GripperBoxes = tuple[FloatArray, FloatArray]

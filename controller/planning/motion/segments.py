@@ -18,13 +18,15 @@ from ._kinematics import tcp_pose
 from .scene import Scene
 from .timing import segment_tube, tube_bound_mm
 
-MARGIN_MM = 5.0  # beside the tube: calibration, backlash, the part's place in the arm gripper
-END_MARGIN_MM = 2.0  # next to a hold or the fixed gripper, which the straight paths keep as well
+# margin beside the tube: calibration, backlash, the part's position in the arm gripper
+MARGIN_MM = 5.0
+# margin next to a hold or the fixed gripper, which the straight paths keep as well
+END_MARGIN_MM = 2.0
 END_LENGTH_MM = 60.0
 PIECE_MM = 64.0  # length of the first pieces; each further cut makes a quarter
 MIN_PIECE_MM = 4.0  # half of it is the end margin
 BROAD_PHASE_MM = 30.0
-BROAD_PHASE_TUBE_MM = 4.0  # what the tube of a short move mostly is
+BROAD_PHASE_TUBE_MM = 4.0  # usual radius of the tube of a short move
 _TUBE_AT = np.linspace(0.0, 1.0, 49)
 
 

@@ -20,11 +20,11 @@ from ._kinematics import tcp_pose
 from .scene import SELF_MARGIN_MM, Scene
 from .segments import MARGIN_MM
 
-SWEEP_MARGIN_MM = 10.0  # an estimate of the place of a part in jaws that had no power is in it
+SWEEP_MARGIN_MM = 10.0  # includes the estimated position of a part in jaws that had no power
 MAX_PIECES = 60_000  # pieces of one phase; a phase that needs more is not proven
 # Pieces smaller than this count as contact where they are not free [mm of travel].
 FINEST_MM = 8.0
-_MOVE_COUNTS = (1, 4, 16)  # short moves that one may be made of
+_MOVE_COUNTS = (1, 4, 16)  # number of short moves that one may consist of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ _OUT_MM = np.array(
     [[0.0, 0.0, 0.0], [40.0, 60.0, 0.0], [40.0, -60.0, 0.0], [40.0, 0.0, 60.0], [40.0, 0.0, -60.0]]
 )
 _COURSE_POINT_COUNT = 17  # points of a move's course in time
-_BESIDE = np.linspace(-0.06, 0.06, 13)  # shares of the line beside the same instant
+_BESIDE = np.linspace(-0.06, 0.06, 13)  # offsets along the line about the same instant
 
 
 def segment_seconds(layout: CellLayout, q_from: FloatArray, q_to: FloatArray) -> FloatArray:

@@ -20,11 +20,11 @@ from .segments import BROAD_PHASE_TUBE_MM, MARGIN_MM, Ends, segment_free, segmen
 from .timing import move_seconds, travel_seconds
 
 TURN_COUNT = 400
-SHUT_IN_COUNT = 80  # turns after which a tree that is still its root is shut in
+SHUT_IN_COUNT = 80  # turns after which a tree with nothing but its root counts as enclosed
 STEP_S = 0.8  # longest edge of a tree
 SHRINK_COUNT = 2  # a third of an edge may be free where the whole is not
 TOWARDS_ROOT = 0.1  # share of the turns that aim at the other tree's root
-SAMPLE_COUNT = 96  # drawn at a time; few are within limits and free
+SAMPLE_COUNT = 96  # number drawn at a time; few are within limits and free
 SHORTCUT_COUNT = 24
 
 

@@ -28,7 +28,7 @@ from ..views import (
 )
 
 SPACING_MM = 1.5  # spacing of the points among which hard spots are found
-FEW = 5  # directions; a spot that fewer of them show is hard
+FEW = 5  # directions; a spot with fewer is hard
 MAX_ADDED_SHARE = 0.4  # hard spots added at most, of the points there are
 MIN_ADDED = 150
 STREAM = 2  # stream of the draw: these points are not those that count coverage

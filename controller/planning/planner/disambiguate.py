@@ -53,7 +53,7 @@ from .build import Build, Builder, RefutedError
 from .planner import plan_from
 
 GRASP_COUNT = 6  # grasps that hold every hypothesis, tried for a deciding view
-SAME_OPENING_MM = 1.0  # jaws this alike could not tell what they hold
+SAME_OPENING_MM = 1.0  # jaws this alike could not distinguish the hypotheses
 MIN_SHARE = 0.5  # share of the planned part's pad contact that the others must give too
 PAD_STEP_MM = 2.0
 PAD_GIVES_MM = 0.4

@@ -21,7 +21,7 @@ from ..motion import Scene, inverse_rows, passed_limit
 from ..views import hidden_by_gripper, view_poses, why_hidden
 
 MIN_SHARE = 2e-4  # share of the surface; a smaller one is single samples on edges
-THINNER = (0.75, 0.5, 0.25)  # of the fingers' width and thickness
+THINNER = (0.75, 0.5, 0.25)  # shares of the fingers' width and thickness
 WEAKEST = 20.0  # in friction limits; a weaker grasp is not mentioned
 MOSTLY_HIDDEN = 0.5  # share of a piece
 ASKED_GRASP_COUNT = 12  # most promising grasps for which the obstacle is named

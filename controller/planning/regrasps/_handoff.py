@@ -20,7 +20,7 @@ from ..motion import Scene, inverse_rows, same_branch
 
 APPROACH_MM = 80.0  # length of the straight path in and out
 STEP_MM = 10.0
-CLOSE_MARGIN_MM = 2.0  # between two grippers at one part, where both stand still or creep
+CLOSE_MARGIN_MM = 2.0  # margin between two grippers at one part, where both stand still or creep
 PART_MARGIN_MM = 5.0
 
 

@@ -19,9 +19,9 @@ from ..motion import Scene
 
 LIFT_MM = 80.0
 STEP_MM = 5.0
-OVER_MM = 12.0  # between a lifted part and the top of what it passes over
-NEAR_MM = 150.0  # what is farther off than this is passed on the way, not by the lift
-# Overlap of two places measured in pictures that is allowed to parts that only touch.
+OVER_MM = 12.0  # margin between a lifted part and the top of an object that it passes over
+NEAR_MM = 150.0  # objects farther off than this are passed beside, not over
+# Overlap allowed to parts that only touch, since both positions were measured in pictures.
 INTO_MM = 0.5
 
 

@@ -23,7 +23,8 @@ RISEN_COUNT = 20
 BATCH_SIZE = 8
 FLAT_RAD = 1e-6
 STEADY_RAD = np.radians(20.0)  # what tips sooner may fall over as the jaws let go of it
-FROM_ABOVE_RAD = np.radians(30.0)  # below the horizontal, at least, the arm gripper comes down
+# least angle below the horizontal at which the arm gripper comes down
+FROM_ABOVE_RAD = np.radians(30.0)
 
 
 def is_steady(pose: StablePose) -> bool:

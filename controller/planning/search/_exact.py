@@ -16,8 +16,8 @@ from ._tables import Tables
 
 MILP_NODES = 20_000
 TREE_NODES = 400  # nodes of the own tree; most covers need fewer than fifty
-INTEGRAL = 1e-6  # a fraction as near to one is a whole view
-ROUNDING = 1e-6  # of a view, by which a sum of worths may be off
+INTEGRAL = 1e-6  # a fraction this near to one is a whole view
+ROUNDING = 1e-6  # error of a sum of worths, as a share of a view
 OPTIMAL, INFEASIBLE = 0, 2  # of scipy's answers
 
 

@@ -46,14 +46,15 @@ class Effort:
 
 COARSE = Effort(lower_bounds=256, covers=4, nodes=500, paths=4_000)
 FULL = Effort()
-_FIRST_BATCH = 16  # what it leads to says how far the floors of the others must be raised
+# size of the first batch, which shows how far the floors of the others must be raised
+_FIRST_BATCH = 16
 _BATCH = 128
 _DIVES = 6  # covers by the likeliest views only, for a good solution early
 _DIVE_VIEWS = 40
 _STEPS = 128
 _TRIES = 6  # quick covers per batch, for an early good solution
 _LESSONS = 20  # sets of grasps from which the deciding elements are learned
-_MISSED = 8  # elements added where a cover of the core leaves some out
+_MISSED = 8  # number of elements added where a cover of the core leaves some out
 
 
 @dataclass(slots=True, eq=False)

@@ -17,7 +17,7 @@ from controller.arrays import FloatArray, IndexArray
 SegmentSeconds = Callable[[FloatArray, FloatArray], FloatArray]
 EXACT_STOPS = 12
 EXACT_WORK = 16_000_000  # additions; about 40 ms
-_START_WORK = 4000  # starts times stops squared: what fits into some 40 ms
+_START_WORK = 4000  # starts times stops squared: the work of some 40 ms
 _ROUNDS = 200
 
 

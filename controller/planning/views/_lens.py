@@ -18,7 +18,7 @@ from .visibility import PICTURE_MARGIN_PX
 
 GRID_COUNT = 33  # places along each side of the picture at which the lens is evaluated
 STEP = 1e-4  # step in tangents by which the lens's magnification is measured
-RESERVE = 0.97  # factor for the lens between the places evaluated
+RESERVE = 0.97  # factor for the lens between the places where it is evaluated
 INSET = 1e-3  # tangents
 
 

@@ -19,7 +19,8 @@ from ._poses import Showing
 KEPT_Q = 4  # configurations kept per view and grasp
 # Configurations checked first; nearly all within the joint limits are free (planning-facts.md 1.3).
 FIRST_TRIED_COUNT = 4
-# The same where the arm stands in the view: only a check shows which one it hides least in.
+# The same number where the arm stands in the view: only a check shows which configuration hides
+# least.
 FIRST_TRIED_BETWEEN_COUNT = 12
 
 

@@ -24,9 +24,9 @@ from ._lens import SureRegion, stretches
 from .gripper import FINGER_SHADOW_MM, holding_boxes
 from .visibility import free_pairs, in_picture
 
-STEP_MM = 0.05  # along the surface, to count the pixels of a millimetre
+STEP_MM = 0.05  # step along the surface, to count the pixels of a millimetre
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-DEPTH_MM_MIN = 1.0  # of a box before the camera that is looked at in the picture
+DEPTH_MM_MIN = 1.0  # least depth of a box before the camera that is examined in the picture
 
 
 def nearest_on_face(samples: SurfaceSamples, points: SurfaceSamples) -> IntArray:

@@ -14,7 +14,7 @@ from ..geometry import Box
 from ..model import Grasp, Jaw
 
 # Inspection compares nothing within nine pixels of the arm gripper (inspection/_scene.py), 1.7 mm
-# at the station; a plan that counts what lies there as shown leaves it unseen
+# at the station; a plan that counted that strip as shown would leave it uninspected.
 FINGER_SHADOW_MM = 2.0
 _MIN_STEP_MM = np.float32(1e-5)
 

@@ -21,7 +21,7 @@ CELLS = 160  # cells of the map along the object's longer side
 MARGIN = 0.15  # share of that side kept free round the object
 FINE = 4  # samples inserted between two of the outline
 _T = np.arange(FINE) / FINE
-CUBICS = np.stack(  # Hermite's, of begin, slope there, end, slope there
+CUBICS = np.stack(  # Hermite cubics of begin, slope there, end, slope there
     [
         (1 + 2 * _T) * (1 - _T) ** 2,
         _T * (1 - _T) ** 2,

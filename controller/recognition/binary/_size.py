@@ -22,7 +22,8 @@ from ._corners import find_corners, triangular
 from ._strings import BoundaryString
 
 EVEN, ODD, CHANGE = 0.980, 1.406, -0.091  # Vossepoel and Smeulders 1982
-CORNER_PX = 0.34  # length that the chain cuts off a right-angled corner, mean over its directions
+# length that the chain cuts off a right-angled corner, on average over its directions
+CORNER_PX = 0.34
 BOX, THRESHOLD = 15, 10  # of the paper's Table 2
 
 

@@ -28,7 +28,7 @@ Number = TypeVar("Number", np.float64, np.complex128)
 
 OUTLINE_SAMPLES = 256  # samples of an outline: one each 1.6 mm at 400 mm
 HOLE_SAMPLES = 32
-MIN_AREA_MM2 = 1e-6  # area that rounding leaves of a line there and back
+MIN_AREA_MM2 = 1e-6  # area that rounding leaves of a line traced there and back
 MIN_CROSSING = 0.3  # sine of the least angle of two lines that meet in a corner
 FARTHEST_CROSSING_MM = 1.5  # distance from the filter's peak; farther off it is another corner's
 DEFAULT = BinaryTolerances()

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 CORNER_BOX_PX = 4.0  # shorter chords turn by the stairs of pixels
 TRIM_PX = 1.0
-MIN_HOLE_PX = 6.0  # fewer pixels have no shape
+MIN_HOLE_PX = 6.0  # smallest hole with a shape
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,7 +42,7 @@ AS_GOOD, AS_GOOD_MM = 1.2, 0.05  # symmetric outlines match at several turns, no
 MAX_OTHERS = 3  # rejected hypotheses drawn beside the one that was taken
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 LOOK_PX = 3  # reach of the search for an edge
-STANDS_OUT = 2.0  # in median slopes beside predicted edges
+STANDS_OUT = 2.0  # strength of an edge that stands out, in median slopes beside predicted edges
 FAINT_LIFT = 0.1  # difference of cosines below which lamps may not show the edge of two surfaces
 FAINT_JUMP_MM = 1.0  # height of a step whose shadow may not show
 

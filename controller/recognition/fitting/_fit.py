@@ -25,7 +25,8 @@ ON_TABLE = np.array([0, 1, 5])  # freedoms of a part at rest: x, y, turn about z
 DAMPED = 1e-9  # share of a freedom's information, so that a freedom without any stays in place
 SETTLED_PX = 0.004  # a step that moves no edge farther is the last one
 CORRELATED_MM = 3.0  # edge points nearer than this share their errors: blur, pixels, facets
-CALIBRATION_MM = 0.02  # error of the camera's calibration, which remains with any number of edges
+# error of the camera's calibration, which remains however many edges there are
+CALIBRATION_MM = 0.02
 
 
 @dataclass(frozen=True, eq=False, slots=True)

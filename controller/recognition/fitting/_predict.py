@@ -19,7 +19,7 @@ from ._model import EdgeModel
 # Distance of a sample from the surface, so that its own facets do not hide it.
 OFF_SURFACE_MM = 0.06
 HIDDEN_MM = 0.25  # something this much nearer than the sample hides it
-STEP_MM = 0.5  # a step this high shows, though its two sides may be turned the same way
+STEP_MM = 0.5  # a step this high shows even if both its sides are turned the same way
 MIN_STEP_MM = 0.25
 SEEN_SHARE = 0.5  # share of the edges tested below which hidden ones are left out
 CLOSE_MM = 0.015  # distance beside an edge at which an outline has nothing behind it

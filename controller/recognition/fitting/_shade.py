@@ -17,7 +17,7 @@ from controller.imaging import Camera, meet_part
 from ._model import EdgeModel
 
 MAX_PIXELS = 1200
-FLAT_VARIANCE = 4.0  # grey levels squared: below it a part is one even patch and says nothing
+FLAT_VARIANCE = 4.0  # grey levels squared: below it a part is one even patch without information
 RIDGE = 1e-3
 
 

@@ -39,15 +39,16 @@ from .wider import look_wider
 Answers = tuple[Region, list[tuple[Sighting, Trace]]]  # of a region, and what is in it
 LEFT_OVER = "touches known parts, but is none of them as far as it is seen; move it apart"
 WHOLE = 0.95  # share of an outline's length that the part itself explains
-BESIDE_MM = 3.0  # from the outline of a part that is named, farther off is something else's,
-ANOTHER_MM = 12.0  # if so much of the cluster's outer outline is
-LARGER = 1.1  # in largest known silhouettes: a larger thing is several parts, or unknown
-CROWD = 0.15  # in the index: of silhouettes seen, the view they are of was within 0.13
+# distance from the outline of a named part beyond which the outline belongs to another,
+BESIDE_MM = 3.0
+ANOTHER_MM = 12.0  # if this much of the cluster's outer outline does
+LARGER = 1.1  # in largest known silhouettes: anything larger is several parts, or unknown
+CROWD = 0.15  # distance in the index: the right view of seen silhouettes was within 0.13
 CROWDED_VIEWS = 400  # views compared turn by turn in a crowd: 10 to 16 ms
-FAR_BACKLIT = 0.6  # in the index: a whole silhouette finds its like nearby
+FAR_BACKLIT = 0.6  # distance in the index: a whole silhouette finds its like nearby
 MAX_BY_LINES = 8
-LARGEST = 1.3  # in longest parts: the largest thing with its shadow
-FAR_FRONT = 1.5  # one with shaded sides missing may be farther off
+LARGEST = 1.3  # in longest parts: the largest object with its shadow
+FAR_FRONT = 1.5  # distance in the index of a silhouette with shaded sides missing
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,7 +51,7 @@ class Weights:
 # recognition is judged by. An outline that is known whole is judged without what lies inside it.
 SILHOUETTE = Weights(-6.4, 0.0, 12.22, 0.0, -3.66, -1.45, 0.0, 0.0)
 FRONT = Weights(-9.62, 0.0, 7.47, 5.48, -1.46, -1.85, 4.48, 0.24)
-INNER_HALF_MM = 20.0  # of inner edges, that count half beside the outline
+INNER_HALF_MM = 20.0  # length of inner edges that counts half beside the outline
 
 
 def probability(evidence: Evidence, weights: Weights) -> float:

@@ -28,7 +28,7 @@ WIDER = 0.5  # reach of a part beyond a piece, as a share of the piece's longer 
 WIDER_MM = 10.0
 MAX_BY_SWEEP = 12
 REACH_MM = 1.0  # largest offset of the candidates, which are already fitted to edges
-MAY_BE = 0.1  # own probability from which a pose counts, and its area is the thing's
+MAY_BE = 0.1  # own probability from which a pose counts, and its area belongs to the thing
 BESIDE_PX = 4  # distance round another thing within which edges are still its own
 # Width of the table round a lone part; an edge within it means that the part is a detail.
 BAND_MM = 6.0

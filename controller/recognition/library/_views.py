@@ -26,12 +26,12 @@ MAX_HEIGHT = 0.9  # largest height of a part, as a share of the camera's
 RASTER_PX = 128  # pixels on a shadow's longer side
 # Shift by perspective, as a share of the outline's size, from which there are more views.
 FLAT_SHARE = 0.05
-RING_SHARE = 0.65  # where the ring of views stands, between the middle and the farthest corner
+RING_SHARE = 0.65  # radius of the ring of views, between the middle and the farthest corner
 RING_VIEWS = 8
-BORDER_PX = 1.2  # a shadow's raster is blurred by, to find its border between the cells
+BORDER_PX = 1.2  # blur of a shadow's raster, to find its border between the cells
 OUTER_SAMPLES = 192  # samples of the outer outline: one each 2 mm at 400 mm
-HOLE_SAMPLES = 64  # of all holes together
-TALL_SHARE = 0.35  # perspective that moves it so much makes twice the views
+HOLE_SAMPLES = 64  # samples of all holes together
+TALL_SHARE = 0.35  # shift by perspective from which there are twice as many views
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,8 @@ RINGS = 32
 ANGLES = 128
 REACH = 3.2  # radius of the outermost ring, in radii of the disc of equal area
 RASTER = 48.0  # pixels of the raster a silhouette is drawn on, to that radius
-HARMONICS = 33  # of the turn that are kept: to 360 / 64 degrees and, between, by their phases
+# harmonics of the turn that are kept: to 360 / 64 degrees and, between, by their phases
+HARMONICS = 33
 FEATURE_HARMONICS = 13
 FEATURE_RINGS = 16
 HALF = 127  # level from which a cell is covered

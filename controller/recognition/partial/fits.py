@@ -35,8 +35,8 @@ NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 FAR_PX = 2.5
 COVERED_PX = 2.0  # distance outside an outline where the cluster goes on if something covers it
 MEETING_MM = 5.0  # from the end of a covered stretch: a narrow wedge of light fills up with blur
-SHORT_MM = 2.5  # covered stretches as short as that are touched at a point
-FIRST_MM = 5.0  # how far off a candidate may lie, a tall part's slack aside
+SHORT_MM = 2.5  # covered stretches this short are touched at a point
+FIRST_MM = 5.0  # largest offset of a candidate, a tall part's slack aside
 # Where what covers a part is unknown, it may be more of the part itself: a boss that is taller than
 # the known part's. So the fit has to be as good as that of a part alone, and the cover no strip.
 SURE_AGREEMENT, SURE_PX = 0.98, 0.35

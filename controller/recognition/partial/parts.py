@@ -21,12 +21,13 @@ from .fits import FIRST_MM, PartialFit, fit_partial
 from .planar import predicted_shares
 from .together import best_set, by_place
 
-SAME_SHADOW = 0.7  # of the cells of two shadows together, from which two poses are one place
+SAME_SHADOW = 0.7  # common share of the cells of two shadows from which two poses are one place
 BURIED_MM = 1.5  # overlap along a line of sight from which two parts are in one place
 BURIED_SHARE = 0.02  # least share of the smaller shadow
 BURIED_CELLS = 6
 PART_COST = 24  # outline points of the cluster, about 6 mm, that another part must explain
-ABOUT_PX = 8.0  # outside a part's outline, what its own would have been found in
+# distance outside a part's outline within which its own outline would have been found
+ABOUT_PX = 8.0
 LEFT_CELLS = 1.5  # half the least width, in cells, of an unexplained rest
 
 

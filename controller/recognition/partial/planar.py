@@ -24,12 +24,13 @@ MIN_REACH_MM = 1.5  # reach of the last steps
 SAME_NORMAL = 0.5  # cosine; as a fit to an outline has it
 HUBER_MM = 0.3
 NEAR_MM = 0.5  # offset at which an outline point counts 0.6
-VIEW_MM = 0.2  # by so much a view's raster may be off,
-SLACK_SHARE = 0.3  # and by this share of how far off its place may be
+VIEW_MM = 0.2  # largest error of a view's raster, plus
+SLACK_SHARE = 0.3  # this share of the allowance for its position
 MOVED_MM, MOVED_SHARE = 0.1, 0.05  # likewise of one that is predicted
-SURE_MM = 3.0  # off its place by less, a part looks nearly the same
+SURE_MM = 3.0  # offset up to which a part looks nearly the same
 HOPEFUL = 0.2  # share met at first below which it is another part, or lies elsewhere
-COVERED_MM = 0.5  # so far outside an outline the cluster goes on where something covers it
+# distance outside an outline at which the cluster goes on where something covers it
+COVERED_MM = 0.5
 HELD_MM2 = 1e-6  # least information, so that a motion without any is zero
 
 

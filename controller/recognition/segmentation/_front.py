@@ -18,25 +18,26 @@ from ._objects import Crop, boxes_of, regions_of, sharpen
 from ._types import Region
 
 MARGIN_PX = 24  # margin of a crop: its rim is table, beyond most of a contact shadow
-MIN_BRIGHT = 0.15  # brighter than the table by this share and more than its texture: a thing
-BRIGHT_NOISES = 5.0  # and by more than noise makes a dark table
-BRIGHT_STEPS = 1.5  # and than rounding to few levels makes: one step is no thing
-TEXTURE_FACTOR = 5.0  # in scatters of the table itself
+MIN_BRIGHT = 0.15  # a thing is brighter than the table by this share, and by more than its texture,
+BRIGHT_NOISES = 5.0  # by more than the noise of a dark table,
+BRIGHT_STEPS = 1.5  # and by more than rounding to few levels: one step is no thing
+TEXTURE_FACTOR = 5.0  # factor on the scatter of the table itself
 SLOPE_PX = 9  # window over which a slope is distinguished from a step
 SLOPE_SHARE = 1.3  # a step's slope over that window is a third of its own
-SOBEL_GAIN = 128.0  # of the 5 x 5 filter for a slope of 1; half as much again askew, |x| + |y|
-NOISE_FACTOR = 0.8  # of the noise: four deviations of the gradient, which averages over 5 x 5
-STEP_FACTOR = 0.7  # of a level step: rounding of a slow slope is no border
+SOBEL_GAIN = 128.0  # gain of the 5 x 5 filter for a slope of 1; half as much again askew, |x| + |y|
+# factor on the noise: four deviations of the gradient, which averages over 5 x 5
+NOISE_FACTOR = 0.8
+STEP_FACTOR = 0.7  # factor on a level step: rounding of a slow slope is no border
 MIN_EDGE = 0.012  # least step per pixel beyond the slope, as a share of the table's level
 BINOMIAL = np.array([1.0, 2.0, 1.0])
 RIDGE_PX = 5  # width across a border
 STRONG_SHARE = 0.3  # share of a border's pixels that must have twice the least sharpness
-MIN_BORDER = 8  # px
+MIN_BORDER = 8  # least length of a border [px]
 GAP_PX = 3  # gaps in a border up to twice this do not open it
-WIDE_GAP_PX = 6  # of the silhouette that takes a border with wider gaps for closed
+WIDE_GAP_PX = 6  # wide gaps, for the silhouette that takes a border with them for closed
 FRINGE_PX = 7  # narrower ones may be wall or contact shadow
 RIM_LEVEL = 0.3
-MIN_HOLE = 8  # px
+MIN_HOLE = 8  # least width of a hole [px]
 # Width of a lens's blur to either side of a border; 1 in pictures of few pixels, whose dim flanks
 # are as narrow as the neighbourhood that belongs to 2.
 MIXED_PX = 2

@@ -15,10 +15,10 @@ from controller.arrays import BoolArray, ByteArray, IndexArray
 
 THIN_PX = 5  # what is solid over less than this is a border only
 BESIDE_PX = 3  # a border this near something solid is its own
-JOIN = 6  # times what is mixed at a border: gaps up to twice this are bridged
-MIN_OPEN_PX = 30  # times that: border that lies open, for a thing to be looked for
-OPEN_SHARE = 0.25  # least share of a thing's borders that lies open; less is a shadow's
-BORDERED = 0.35  # least share of the circumference that the borders make up
+JOIN = 6  # factor on the blurred width: gaps up to twice this are bridged
+MIN_OPEN_PX = 30  # factor on the same: length of open border from which a thing is searched for
+OPEN_SHARE = 0.25  # least open share of a thing's borders; below, it is a shadow
+BORDERED = 0.35  # least share of the circumference covered by the borders
 
 
 def leaked(border: ByteArray, solid: ByteArray, mixed_px: int) -> BoolArray | None:

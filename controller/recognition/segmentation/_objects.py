@@ -14,7 +14,7 @@ from ._types import Region
 
 Box = tuple[int, int, int, int]
 
-LOCAL_FACTOR = 4  # a side's level is the mean over this many times what is mixed, and one
+LOCAL_FACTOR = 4  # a side's level is the mean over this many blurred widths, and one
 MIXED_WEIGHT = 1.0 / 64.0  # they count only where there is nothing else, as in a thin web
 
 

@@ -22,12 +22,12 @@ from ._backlit import find_backlit
 from ._front import find_front
 from ._types import Lighting, Segmentation
 
-LEVEL_ROWS = 64  # as many tell which levels are in use
-MIN_AREA = 2e-4  # of the picture: 16 x 16 px of 1280 x 1024, a part of 3.5 mm seen from 860
+LEVEL_ROWS = 64  # number of rows sampled to find the levels in use
+MIN_AREA = 2e-4  # share of the picture: 16 x 16 px of 1280 x 1024, a part of 3.5 mm at 860
 DARK_TABLE = 8  # grey level of the table below which things show only where they are brighter
 BRIGHT_TABLE = 128  # grey level from which an empty table is a light table
 MAX_FADE = 0.4  # loss of the table's level from its brightest to its darkest place, as a share
-# Share of the ground's level; darker are things before a backlight, and deep holes.
+# Share of the ground's level; things before a backlight, and deep holes, are darker.
 DARK_THING = 0.35
 BRIGHT_THING = 1.3
 MIN_SHARE = 3e-4  # share of the picture from which things decide the lighting

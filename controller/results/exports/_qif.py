@@ -56,8 +56,8 @@ SIDE: Final[Mapping[bool | None, str]] = {
     False: "EXTERNAL",
     None: "NOT_APPLICABLE",
 }
-DRAWING_STANDARD: Final = ("1101", "2017")  # of geometrical tolerances
-# of a position the zone's diameter, of its measured value the radius is known
+DRAWING_STANDARD: Final = ("1101", "2017")  # standard of geometrical tolerances
+# A position's zone is stated as a diameter, its measured value is a radius.
 ZONE_DIAMETER: Final = 2.0
 
 

@@ -13,7 +13,7 @@ COLUMNS: Final = (
     "lower", "upper", "source", "measured", "deviation", "U_k2", "verdict", "views", "reason",
     "review", "review_who", "review_why", "review_at",
 )  # fmt: skip
-# what a spreadsheet takes for a formula when a text begins with it
+# first characters from which a spreadsheet takes a text for a formula
 FORMULA_STARTS: Final = ("=", "+", "-", "@", "\t", "\r")
 
 

@@ -16,7 +16,7 @@ from ._study import CharacteristicGauge
 from ._words import said_of, said_of_all
 
 SCHEMA: Final = "cellctl.gauge/1"
-FOLDER: Final = "gauge"  # in the folder of runs
+FOLDER: Final = "gauge"  # folder below the folder of runs
 MAX_BYTES: Final = 64 * 2**20
 
 

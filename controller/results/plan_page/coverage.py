@@ -19,12 +19,12 @@ Colour = tuple[float, float, float]
 SIZE_PX = (270, 216)
 ELEVATION_RAD = float(np.radians(32.0))
 AZIMUTHS_DEG = (-60, 30, 120, 210)
-# How much light and shadow change the colours, which have to be compared with the key.
+# Strength of light and shadow on the colours, which must stay comparable with the key.
 RELIEF = 0.45
 # Rays start this many sizes of the part away.
 FAR_SIZES = 3.0
 
-# From how many views on, in words, and the colour.
+# Least number of views, its words, and its colour.
 OFTEN = (
     (1, "in sight in 1 view", (168.0, 206.0, 238.0)),
     (2, "in sight in 2 views", (92.0, 158.0, 214.0)),

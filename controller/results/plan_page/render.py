@@ -19,7 +19,7 @@ SHADE = 0.62
 CREASE = float(np.cos(np.radians(24.0)))
 # Rays to the light start this far off a surface, so that it does not shadow itself.
 LIFT_MM = 0.05
-# Levels are rounded to multiples of this: nobody sees it, and the file is smaller.
+# Levels are rounded to multiples of this: invisible, and the file is smaller.
 COLOURS_STEP = 3
 
 

@@ -14,7 +14,7 @@ from controller.cell.machine import RESETTING, Mode, mode_of, work_of
 from ..run import LogEntry
 from .uses import Use
 
-# What a state is about while neither the arm nor its jaws move.
+# Purpose of a state while neither the arm nor its jaws move.
 _OF_WORK: Final = {
     "acquiring": Use.TABLE_PICTURES,
     "recognising": Use.RECOGNITION,

@@ -16,8 +16,8 @@ from ._spans import Span, instants, spans
 from .uses import BUSY, Use
 
 KINDS: Final = ("event", "intent", "outcome", "observation", "decision")
-# Rows that nothing here asks for: long ones, and those that others write about a run, perhaps in
-# the middle of the rows of a later one.
+# Rows that the fold skips: long ones, and those that others write about a run, perhaps in the
+# middle of the rows of a later one.
 WITHOUT: Final = (
     rows.PartMeasured.row_name, rows.PartFindings.row_name, rows.PartJudged.row_name,
     rows.ViewJudged.row_name, rows.ViewsPosed.row_name, *(body.row_name for body in rows.ADDED),

@@ -29,5 +29,5 @@ class Use(StrEnum):
     REST = "rest", "the rest"
 
 
-# What the plan has the arm do. It is idle in all other spans.
+# Uses in which the arm follows the plan. It is idle in all other spans.
 BUSY: Final = frozenset({Use.MOVING, Use.JAWS, Use.SHOWING})

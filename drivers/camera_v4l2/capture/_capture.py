@@ -51,7 +51,7 @@ log = logging.getLogger(__name__)
 _STOPPED: Final = frozenset(
     {errno.EIO, errno.EINVAL, errno.EPIPE}
 )  # the stream broke, not the camera
-_MAX_LOOKS: Final = 64  # buffers looked at in one go, so that a deadline is met in between
+_MAX_LOOKS: Final = 64  # buffers examined in one go, so that a deadline between them is met
 
 
 @dataclass(frozen=True, slots=True)

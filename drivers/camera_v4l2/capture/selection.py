@@ -18,7 +18,7 @@ from ..kernel.abi import (
 )
 
 _SEQUENCE_SPAN: Final = 1 << 32
-_FUTURE_SLACK_S: Final = 0.1  # beyond two periods a "monotonic" stamp is some other clock's
+_FUTURE_SLACK_S: Final = 0.1  # beyond two periods a "monotonic" stamp comes from another clock
 
 
 class StampSource(StrEnum):

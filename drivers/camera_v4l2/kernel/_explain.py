@@ -17,8 +17,8 @@ from drivers.errors import (
     WrongDeviceError,
 )
 
-# ENODEV is what every call on an unplugged camera gives; the rest is a node whose server died
-# (ENOTCONN, ECONNABORTED: a FUSE mount without its process) or that is being taken down.
+# ENODEV is the error of every call on an unplugged camera; the rest means a node whose server died
+# (ENOTCONN, ECONNABORTED: a FUSE mount without its process) or that is being removed.
 GONE: Final = frozenset(
     {errno.ENODEV, errno.ENXIO, errno.ESHUTDOWN, errno.ENOTCONN, errno.ECONNABORTED}
 )

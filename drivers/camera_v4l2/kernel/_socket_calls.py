@@ -24,9 +24,9 @@ _REPLY: Final = struct.Struct("<iI")
 _MAP: Final = struct.Struct("<QQ")
 _IOCTL_KIND, _MMAP_KIND, _EVENTS_KIND = 1, 2, 3
 _MAX_REPLY_BYTES: Final = 1 << 14  # an ioctl's size field has 14 bits
-_MAX_ERRNO: Final = 4095  # the kernel's, include/linux/err.h
+_MAX_ERRNO: Final = 4095  # limit of the kernel, include/linux/err.h
 _EVENT_GULP_BYTES: Final = 4096
-HANG_WALL_S: Final = 120.0  # the peer is an emulator: slow is not silent, only a hang is meant
+HANG_WALL_S: Final = 120.0  # the peer is an emulator, which may be slow: only a hang ends the wait
 
 
 @dataclass(slots=True)

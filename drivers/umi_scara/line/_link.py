@@ -39,7 +39,7 @@ from ._wire import SILENT, LineUncertainError, LinkConfig, Trace, Wire, breaks_s
 log = logging.getLogger(__name__)
 
 _ATTEMPT_COUNT: Final = 3  # §1.7
-_DEAD_STOP_LIMIT_S: Final = 0.1  # by then a stopped board shows that it stands still
+_DEAD_STOP_LIMIT_S: Final = 0.1  # a stopped board shows standstill within this time
 _RAMP_LIMIT_S: Final = 0.6  # 7: a ramp takes 0.25 s
 
 Guard = Callable[[], None]

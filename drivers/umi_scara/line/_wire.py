@@ -39,8 +39,8 @@ _STAY_AWAY: Final = (
 )
 _STRAY_STOP_COUNT: Final = 12  # 0.1 s
 _DRAIN_LIMIT_S: Final = 2.0  # longest time for which an arm sends
-_WAYS: Final = 2  # through the kernel: a request, its reply
-_ANSWER_WALL_S: Final = 0.1  # time for the arm to answer, or the driver to read, after each
+_WAYS: Final = 2  # ways through the kernel: of a request, of its reply
+_ANSWER_WALL_S: Final = 0.1  # time for the arm to answer, and for the driver to read, after each
 # A busy host delivers bytes a little late, however fast the cell's clock runs.
 _MIN_SILENCE_WALL_S: Final = 0.02
 

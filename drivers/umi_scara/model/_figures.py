@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 LINK_MM: Final = 0.3
 TOOL_MM: Final = 0.5
 ZERO_RAD: Final = radians(0.5)
-# a joint stands where its motor came from below: half the play of its gear under the counter
+# a joint stands half the play of its gear under the counter if its motor came from below
 PLAY_RAD: Final = radians(0.15)
 ZED_ZERO_MM: Final = 0.5
 YAW_PER_ELBOW: Final = 0.005

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 __all__ = ["SweepPhase", "homing_sweep"]
 
 _SHOULDER, _ELBOW, _HAND, _ZED, _PITCH, _ROLL = range(6)
-# rad and mm: an axis that rests on its stop, or was stopped on its way, may be so far off
+# tolerance [rad, mm] of an axis that rests on its stop, or was stopped on the move
 _SLACK: Final = np.array([0.02, 0.02, 0.02, 3.0, 0.02, 0.02])
 # §5.3: while the wrist's two motors turn it about one axis, an uneven pair turns it about the other
 _UNEVEN_RAD: Final = 0.1

@@ -18,12 +18,12 @@ __all__ = ["LinkBox", "UmiModel"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# where the gripper points straight down, the heading is free: these are tried
+# headings tried where the gripper points straight down and the heading is free
 HEADINGS_RAD: Final = np.radians(np.arange(-180.0, 180.0, 30.0))
 # a gripper this close to straight down counts as straight down: its heading would be noise
 VERTICAL: Final = 2e-3
-# what random joints are drawn from, low and high; no limits, those are `kinematics.JOINT_RANGES`.
-# It leaves out the folded elbow and the last degrees, which lead nowhere
+# ranges of random joints, low and high; the limits are `kinematics.JOINT_RANGES`. The folded elbow
+# and the last degrees are left out, which lead nowhere
 DRAWN_FROM: Final = np.array(
     [
         [*np.radians([-90.0, -175.0, -190.0]), -900.0, *np.radians([-97.0, -131.0])],

@@ -45,14 +45,14 @@ HEADINGS_RAD: Final = np.deg2rad(np.arange(-180.0, 180.0, 15.0))  # tried if the
 LINKS: Final = ("carriage", "upper", "fore")
 
 _SHOULDER, _ELBOW, _YAW, _ZED, _PITCH, _ROLL = range(6)
-_REACH_SLACK_MM: Final = 1e-9  # rounding of a fully stretched arm must not make it unreachable
-_GIMBAL_RAD: Final = 1e-10  # pitch closer to +-90 deg than this says nothing about the heading
+_REACH_SLACK_MM: Final = 1e-9  # rounding allowance: a fully stretched arm stays reachable
+_GIMBAL_RAD: Final = 1e-10  # pitch closer to +-90 deg than this leaves the heading undetermined
 # §5.2: ranges short of a full turn but not centred on 0; the image nearest to the centre is the one
 _ROLL_CENTRE_RAD: Final = np.deg2rad((-132.0 + 181.0) / 2)
 _ELBOW_CENTRE_RAD: Final = np.deg2rad((-180.0 + 151.0) / 2)
 
-# a first look at limits, each wider by more than a count and than the joints of an arm differ from
-# what its counters mean; `within_limits` decides (§5.2)
+# allowance of a first check of limits, wider by more than a count and than the differences between
+# joints and counters; `within_limits` decides (§5.2)
 _ROUGH_RAD: Final = 0.06
 _ROUGH_MM: Final = 5.0
 _WRIST_PER_RAD: Final = np.rad2deg(2 * c.WRIST_COUNTS_PER_DEG)
@@ -66,7 +66,7 @@ _ZED_MM: Final = np.array(c.ZED_RANGE) / c.ZED_COUNTS_PER_MM
 _YAW_RAD: Final = (
     np.array(c.YAW_LESS_ELBOW_RANGE) + float(c.YAW_ELBOW_RATIO) * np.array(c.ELBOW_RANGE)
 ) / np.rad2deg(c.YAW_COUNTS_PER_DEG)
-# (2, 6): the least and the most that each joint has within the limits of §5.2
+# (2, 6): lower and upper limit of each joint within §5.2
 JOINT_RANGES: Final = np.stack(
     [_SHOULDER_RAD, _ELBOW_RAD, _YAW_RAD, _ZED_MM, _PITCH_RAD, _ROLL_RAD], axis=1
 )

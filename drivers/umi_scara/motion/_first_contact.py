@@ -19,7 +19,7 @@ TRY_COUNTS: Final = 50
 TRY_SPEED: Final = 30
 TRY_FORCE: Final = 20
 TRY_TIMEOUT_S: Final = 10.0
-_NEAR_ORIGIN: Final = 1  # as in homing: a write of 0 would not show when read back
+_NEAR_ORIGIN: Final = 1  # as in homing: a write of 0 would not be visible when read back
 
 
 async def read_registers(axes: Axes) -> dict[str, dict[str, int]]:

@@ -21,7 +21,8 @@ log = logging.getLogger(__name__)
 
 _ORIGIN_COUNTS = 4  # DEAD_BAND, and two counts of reading
 _SHOULDER_TRIES = 3
-_NEAR_ORIGIN = 1  # below DEAD_BAND, but not the park's 0: a write of 0 must show when read back
+# below DEAD_BAND, but not the park's 0: a write of 0 must be visible when read back
+_NEAR_ORIGIN = 1
 
 
 class Homing:

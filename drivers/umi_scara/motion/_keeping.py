@@ -20,8 +20,8 @@ from ._moves import MoveWatch, start, synchronised_speeds
 from ._positions import axes_in_turn
 from ._stops import HomingConfig, Stops
 
-# How far jaws may have moved since they were last known to press on the thing between them
-# [counts]: half a millimetre, a little more than the reading.
+# Largest motion of jaws since they last pressed on the thing between them [counts]: half a
+# millimetre, a little more than the reading.
 JAWS_SLACK_COUNTS = 8
 _SAME_COUNTS = 2
 # of the arm with something in its jaws, beside a nominal 100 (§5.6)

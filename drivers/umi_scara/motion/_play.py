@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from ..protocol.constants import Axis
 
-_CLOSE_COUNTS = 0.5  # the nearest that a whole count brings a joint
+_CLOSE_COUNTS = 0.5  # error of rounding to a whole count
 
 
 class GearPlay:

@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 # ---- line (§1.1, §1.2) ---------------------------------------------------------------------------
 BAUD: Final = 9600  # §1.1; 8 data bits, no parity, 1 stop bit, no flow control
 MIN_SPACING_S: Final = 0.008  # §1.2 start of request to start of request
-SILENCE_S: Final = 0.020  # §1.6 step 1 and §1.7: the line is idle after so long without a byte
-REPLY_TIMEOUT_S: Final = 0.140  # §1.2 "100-250 ms"; three and what lies between fit in 0.5 s
+SILENCE_S: Final = 0.020  # §1.6 step 1 and §1.7: the line is idle after this long without a byte
+REPLY_TIMEOUT_S: Final = 0.140  # §1.2 "100-250 ms"; three of them with their pauses fit in 0.5 s
 BUSY_RETRY_S: Final = 0.010  # §2.9 for 01, 02 and 04
 POLL_S: Final = 0.020  # §3.3 asks for >= 10 ms
 
@@ -217,11 +217,12 @@ STOP_COUNTS: Final = {  # §4.2, column UvA: satisfies the combined limits exact
     Axis.WRIST2: 459,
     Axis.GRIPPER: 0,
 }
-HOMING_CREEP_COUNTS: Final = 440  # §4.1 step 3: by which the elbow swings the gripper clear
-# Homing that keeps the jaws shut (§4.7): where the shoulder stands while the elbow goes to its
+HOMING_CREEP_COUNTS: Final = 440  # §4.1 step 3: the elbow swings the gripper clear by this much
+# Homing that keeps the jaws shut (§4.7): position of the shoulder while the elbow goes to its
 # forward stop, so that the hand stays on the side away from the column
 KEEPING_SHOULDER_COUNTS: Final = -1110
-# and where it leaves zed: below the top counts that §5.2 keeps free, so that moves may begin there
+# and the position of zed afterwards: below the top counts that §5.2 keeps free, so that moves may
+# begin there
 KEEPING_ZED_COUNTS: Final = -38
 PARK_COUNTS: Final = {axis: -18 if axis is Axis.ZED else 0 for axis in Axis}  # §4.1 step 7
 GRASP_COUNTS: Final = -500  # §5.5: iLab's target beyond closed

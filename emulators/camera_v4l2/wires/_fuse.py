@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 _ROOT: Final = 1
 _NODE_BYTES: Final = BUFFERS_MAX * SLOT_BYTES
 _CACHE_S: Final = 3600
-_THREAD_COUNT: Final = 2  # one may be held up by a client's memory that itself waits for us
+_THREAD_COUNT: Final = 2  # one may be held up by a client's memory that itself waits for the camera
 
 
 def can_mount() -> str | None:

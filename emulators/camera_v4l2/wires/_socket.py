@@ -28,7 +28,7 @@ _REQUEST: Final = Struct("<IIQ")
 _REPLY: Final = Struct("<iI")
 _RANGE: Final = Struct("<QQ")  # length, offset
 _DEAD_HANDLE: Final = 0  # no device counts its handles from there
-_PAYLOAD_MAX_BYTES: Final = 0x3FFF  # the largest struct that an ioctl's number can tell of
+_PAYLOAD_MAX_BYTES: Final = 0x3FFF  # the largest struct whose size fits an ioctl's number
 
 
 class _Kind(IntEnum):

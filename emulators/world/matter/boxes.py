@@ -15,8 +15,8 @@ Mask = NDArray[np.bool_]
 
 _NEAR_MM = 2.0  # a finger this near wakes a part at rest
 _TABLE_MM = 0.3
-_GRAZES_MM = 0.3  # a part at rest that a finger's face slides along
-_GIVES_MM = 1.5  # pads of the other gripper give by this and more
+_GRAZES_MM = 0.3  # distance of a part at rest from the face of a finger that slides along it
+_GIVES_MM = 1.5  # the other gripper's pads yield by this and more
 _UP = np.array((0.0, 0.0, 1.0))
 
 

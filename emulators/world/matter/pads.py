@@ -15,12 +15,13 @@ from ..poses import invert
 
 _GRID_MM: Final = 1.0  # pitch of the height field; on a radius of 30 mm it misses 4 um of the crest
 _BACK_MM: Final = 2.0  # rays start behind the pad's face, where a part that is pressed in would be
-_TOUCH_MM: Final = 0.15  # what rubber yields: surface this near the crest carries load
+_TOUCH_MM: Final = 0.15  # compression of rubber: surface this near the crest carries load
 _SEAT_STEP_RAD: Final = math.radians(2.0)  # largest turn in one linear step
-MAX_SEAT_RAD: Final = math.radians(4.0)  # more crooked, a part jams and is held as it stands
+# a part more crooked than this jams and is held as it stands
+MAX_SEAT_RAD: Final = math.radians(4.0)
 _LEVELS: Final = 9  # levels, each a third as wide as the last: down to 1e-4 of the step
 _SIDE: Final = 9  # candidates per level and angle
-_REGULAR_MM_PER_RAD: Final = 0.01  # prefers the less turned of two equally narrow seats
+_REGULAR_MM_PER_RAD: Final = 0.01  # preference for the less turned of two equally narrow seats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ AWAY: Final = "away"
 FALLING: Final = "falling"
 RESTING: Final = "at rest"
 HELD: Final = "held"
-PROPPED: Final = "propped"  # a person has put something under it: it stays as it is
+PROPPED: Final = "propped"  # a person has put something under it: it does not move
 
 _CALM_MM_PER_S: Final = 3.0
 _CALM_RAD_PER_S: Final = 0.05

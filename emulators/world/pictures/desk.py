@@ -27,7 +27,7 @@ from .worker import Order, Picture, Standpoint, work
 log = logging.getLogger(__name__)
 
 SLOT_COUNT: Final = 6  # pictures that may be in the making; more orders are refused
-# scenes are one where they differ by less: what moved comes to rest within thousandths of this
+# scenes that differ by less are one: objects that moved come to rest within thousandths of this
 SAME_MM: Final = 1.0
 SAME_TURN: Final = 0.01  # largest difference of a rotation matrix's entries
 _JOIN_S: Final = 5.0

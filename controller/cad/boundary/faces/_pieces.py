@@ -11,7 +11,8 @@ from ..formulas.primitives import Primitive
 from ._facets import Facets
 from ._neighbours import Neighbours, rows
 
-COS_HALF_STEP = np.cos(np.radians(11.6))  # half a segment of a 16-sided rod: 17 segments are a wall
+# half a segment of a 16-sided rod; from 17 segments on it is a curved wall
+COS_HALF_STEP = np.cos(np.radians(11.6))
 # Cosine for a triangle of a ball or a ring, seen from its corners.
 COS_FACET = np.cos(np.radians(16.0))
 TIGHT_MM = 0.0002  # files keep 1e-4 mm or 7 digits; a guess from a few facets has to be this good

@@ -23,9 +23,9 @@ from ._pieces import MIN_FACETS, Pieces
 from ._specks import specks_absorbed
 
 STRIP_RATIO = 4.0  # a plane is this many times larger than the strips round it
-LONE_RATIO = 50.0  # and a single triangle with smooth edges all round so much larger
+LONE_RATIO = 50.0  # a single triangle with smooth edges all round must be this many times larger
 ABSORB_ROUNDS = 3
-NEAR = 20.0  # in tightest fits; planes with middles farther apart are two
+NEAR = 20.0  # in tightest fits; planes with middles farther apart are distinct
 ABSORB = 5.0  # in tolerances of the fit; kernels place corners less exactly where surfaces meet
 
 

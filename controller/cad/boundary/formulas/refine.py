@@ -10,8 +10,8 @@ from .primitives import Primitive
 ROUNDS = 12  # Gauss-Newton doubles the right digits each round; from a fair guess five are enough
 EXACT = 1e-7  # share of a cloud's size: single precision
 SETTLED = 1e-3  # share of the squared misfit; a round that gains less is the last
-FAR_OFF = 10.0  # in misfits aimed at; beyond it each round must gain by `HOPELESS`
-HOPELESS = 0.5  # a round has to halve the squared misfit, or the points are no such surface
+FAR_OFF = 10.0  # in target misfits; beyond it each round must gain by `HOPELESS`
+HOPELESS = 0.5  # each round has to halve the squared misfit, or the points lie on no such surface
 
 
 def basis(axis: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -27,7 +27,8 @@ MAX_BYTES: Final = 400_000_000  # two million triangles and their corners take 2
 MAX_TAGS: Final = 2 * MAX_TRIANGLES
 MAX_DEPTH: Final = 32  # levels of nested elements; the core specification has seven
 MAX_TOKEN_BYTES: Final = 4 << 20  # bytes of one tag; the parser holds it whole
-MAX_COMPONENTS: Final = 16  # each may hold others twice: more of them unfold without end
+# largest number; each may hold others twice, so that more of them would unfold without end
+MAX_COMPONENTS: Final = 16
 CHUNK_BYTES: Final = 1 << 20
 DEFAULT_UNIT: Final = "millimeter"  # 3MF core specification 3.4
 MAIN: Final = "3d/3dmodel.model"

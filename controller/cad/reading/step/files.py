@@ -41,9 +41,9 @@ from .references import References, collect
 from .texts import CODE_PAGE_TEXT, check_numbers, for_kernel
 from .uniting import require_whole, touching_text, unite
 
-# How finely, in turn, while what comes of it is no closed surface: chord error as a multiple of
-# what the kernel's process has for a part of its size, angle [rad], what is done to it first.
-# The kernel folds some sound blends at one fineness and not at another, hence two.
+# Tessellations tried in turn until the result is a closed surface: chord error as a multiple of the
+# usual one for the part's size, angle [rad], repair before it. The kernel folds some sound blends
+# at one fineness and not at another, hence two.
 TESSELLATIONS: Final = (
     (1.0, 0.3, 0),
     (2.0, 0.3, 0),

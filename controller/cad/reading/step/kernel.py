@@ -31,7 +31,7 @@ GRANT: Final = "CELLCTL_STEP_CPU_S"
 # Sound files take 1 to 3 s for each MB, and up to 11 s where surfaces are hard to divide.
 SECONDS_PER_MB: Final = 6.0
 GRANT_MAX_S: Final = 1e5
-PATIENCE: Final = 4.0  # in computing times; a child that could have run so long hangs
+PATIENCE: Final = 4.0  # Computing times after which a child counts as hung.
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,8 @@ from .conditions import Report
 
 log = logging.getLogger(__name__)
 
-MIN_BEAT_WALL_S: Final = 0.02  # an emulated device is not asked more often, however fast time runs
+# period below which no emulated device is polled, however fast time runs
+MIN_BEAT_WALL_S: Final = 0.02
 LOOP_REPORT_S: Final = 10.0
 
 

@@ -32,7 +32,8 @@ from ..bench import UNCALIBRATED_MM, with_clearance
 from ..jogging import RefusedMotionError, near_by, shifted
 
 LIFTS_MM: Final = (100.0, 150.0, 200.0, 250.0, 300.0)
-# So high over the table nothing is reached for: less lift will do where the arm has no more.
+# Above this height over the table nothing is reached for: a smaller lift is enough where the arm
+# can rise no further.
 HIGH_MM: Final = 300.0
 LESS_MM: Final = (50.0, 0.0)
 _PIECE_MM: Final = 25.0

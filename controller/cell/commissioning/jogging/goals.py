@@ -19,8 +19,9 @@ from ...errors import CellError
 LEVER_MM: Final = 200.0  # mm that one radian counts as: about the distance from wrist to part
 _TRIES: Final = 40
 _NEAR_MM: Final = 0.01
-_WEAK: Final = 1e-3  # a direction in which joints have to go a thousand times as far is none
-# Between its ends a joint move may be so far off the straight line that was ordered.
+# a direction that needs joints to go a thousand times as far counts as unreachable
+_WEAK: Final = 1e-3
+# Largest distance of a joint move from the straight line ordered.
 STRAY_MM: Final = 1.0
 STRAY_SHARE: Final = 0.1
 # From a place that is too near to something, the arm may go where its clearance does not shrink.

@@ -39,7 +39,8 @@ PIECE_DEG: Final = 2.0
 # The least force that both kinds of gripper know; what they then hold is hardly pressed.
 ARM_FORCE: Final = 20
 FIXED_FORCE_N: Final = 20.0
-# As far from the last goal as whole counts and dead bands leave the arm, which goes on from there.
+# Largest distance from the last goal that rounding to counts and dead bands leave; the arm goes on
+# from there.
 AT_GOAL_RAD: Final = 0.01
 AT_GOAL_MM: Final = 1.5
 

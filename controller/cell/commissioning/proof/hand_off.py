@@ -24,7 +24,7 @@ from ..bench import Bench, with_clearance
 from ..boards import HALF_OPEN_MM, HANDED_MM, PLATE_FORCE, PlateInJaws
 from ..errors import StepFailedError
 
-# by a tape measure the fixed gripper stands so near to where it is drawn
+# largest error of a fixed gripper that was placed by tape measure
 TAPE_MM: Final = 5.0
 MARGIN_MM: Final = 5.0
 OVER_MM: Final = 12.0  # length of plate beyond the middle of the fixed pads

@@ -33,16 +33,19 @@ from ..errors import StepFailedError
 
 READ_COUNT: Final = 25
 FRAME_COUNT: Final = 8
-# A share of the patience that the cell has with a device: more leaves too little for a bad moment.
+# Share of the time-out that the cell grants a device; a larger latency leaves too little for a bad
+# moment.
 LATENCY_SHARE: Final = 0.5
 PERIOD_SHARE: Final = 0.02  # largest difference of a camera's clock rate from the cell's
 TRY_COUNTS: Final = 8.0  # tolerance of a motor trial: dead band, gear play and reading
-# Of a joint's range: the smallest motion that shows sign and scale, and how near is there.
+# Share of a joint's range: the smallest motion that shows sign and scale, and the tolerance of
+# arrival.
 NUDGE_SHARE: Final = 0.01
 ARRIVED_SHARE: Final = 0.0025
 JAWS_MM: Final = 10.0
 SUPPLY_POLL_S: Final = 0.02  # how often the arm is asked whether it has motor supply
-# Of the block's clock, its relay, a contactor and one reading: later is another setting [s].
+# Longest delay through the block's clock, its relay, a contactor and one reading; a longer one is
+# another setting [s].
 SUPPLY_SLACK_S: Final = 0.2
 BINS_MS: Final = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 

@@ -40,7 +40,8 @@ from ..errors import StepFailedError
 CAMERAS: Final[tuple[CameraName, ...]] = ("overhead", "inspection")
 GLOWS_IN: Final[Mapping[str, CameraName]] = {TABLE_PANEL: "overhead", STATION_PANEL: "inspection"}
 HALF: Final = 0.5  # second setting at which each lamp is measured
-MIN_LIGHT: Final = 3.0  # grey levels over the dark in its own camera, or a lamp gives no light
+# least grey levels over the dark in its own camera; below, a lamp gives no light
+MIN_LIGHT: Final = 3.0
 MIN_AGREEMENT: Final = 0.4  # least agreement of the seen and the expected pattern, shadows included
 # light at half the setting, as a share of that at the full one; a driver's own curve is in it
 HALF_LIGHT: Final = (0.3, 0.7)

@@ -34,7 +34,7 @@ from ..proof import hand_off_and_back, length_study
 
 LOOKS: Final = 13  # per camera
 LOOKS_MIN: Final = 8
-# the plate where parts are: as low over the table as it goes, and about the station
+# regions of the plate for parts: as low over the table as it goes, and about the station
 REGIONS: Final[Mapping[CameraName, Region]] = {
     "overhead": Region(900.0, 1150.0),
     "inspection": Region(550.0, 850.0),

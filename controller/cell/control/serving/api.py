@@ -223,7 +223,7 @@ class Control:
         return _decided(decision)
 
 
-# Of the question whether a start goes on with the part that an earlier run left.
+# Code of the question whether a start goes on with the part that an earlier run left.
 RECOVERY_CODE: Final = "part_left"
 
 
@@ -309,6 +309,6 @@ def _listed() -> tuple[Endpoint, ...]:
 
 
 ENDPOINTS: Final = _listed()
-# How the requests begin that stop the cell.
+# First bytes of the requests that stop the cell.
 STOPS: Final = tuple(f"{one.method} {one.path} ".encode() for one in ENDPOINTS if one.is_stop)
 BY_PATH: Final[Mapping[str, Endpoint]] = {endpoint.path: endpoint for endpoint in ENDPOINTS}

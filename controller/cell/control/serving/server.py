@@ -28,8 +28,8 @@ log = logging.getLogger(__name__)
 
 MAX_HEADER_BYTES: Final = 8_192
 MAX_BODY_BYTES: Final = 16_384
-# Of idle connections, of requests that read (GET) and of orders, each: a few terminals, the page
-# and a program of the plant at once.
+# Largest number of idle connections, of requests that read (GET) and of orders, each: enough for a
+# few terminals, the page and a program of the plant.
 MAX_CONNECTION_COUNT: Final = 16
 # For the whole of a request to arrive, and for its answer to leave. Real seconds: the other end is
 # a person's program, no device.

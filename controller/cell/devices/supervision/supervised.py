@@ -24,7 +24,7 @@ from drivers.supervisor import BEAT_S, BlindLook, BlindStop, LooksBlindly, Order
 from ..build import Devices
 
 READY_WALL_S: Final = 60.0  # longest start of a process on a busy machine
-MIN_BEAT_WALL_S: Final = 0.02  # however fast an emulated cell's time runs
+MIN_BEAT_WALL_S: Final = 0.02  # Shortest period, however fast an emulated cell's time runs.
 END_WALL_S: Final = 5.0
 PACKET_BYTES: Final = 1 << 16
 

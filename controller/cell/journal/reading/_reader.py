@@ -19,7 +19,7 @@ from ..rows import (
     is_of,
 )
 
-# of rows that are written about a run, and not by it
+# names of the rows that are written about a run after its end
 ADDED_NAMES: Final = (*(body.row_name for body in ADDED), Acknowledged.row_name)
 
 

@@ -25,8 +25,8 @@ GROUPS: Final[Mapping[str, type[NamedBody]]] = {
     "outcome": OnceDone,
     "custody": CustodyChanged,
 }
-# What people, reports and later runs add to a run that has ended; none of it says what the cell
-# did in it.
+# Rows that people, reports and later runs add to a run that has ended; none of them is about the
+# cell during the run.
 ADDED: Final[tuple[type[Body], ...]] = (FilesStored, PicturesDropped, PartReviewed, PartFollowed)
 
 

@@ -19,9 +19,9 @@ from typing import Final
 
 from .._form import JournalError
 
-BUSY_WALL_S: Final = 10.0  # how long to wait for another writer
-# A row that is not in the file by then fails the run: whatever the cell did meanwhile is known to
-# this process alone. Longer than SQLite waits, whose error says more than that nothing happened.
+BUSY_WALL_S: Final = 10.0  # longest wait for another writer
+# A row that is not in the file by then fails the run: no other process knows of the cell's actions
+# meanwhile. Longer than SQLite's own wait, whose error says more.
 PATIENCE_WALL_S: Final = BUSY_WALL_S + 2.0
 
 

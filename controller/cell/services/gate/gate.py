@@ -21,9 +21,9 @@ from drivers.clock import CellClock
 
 from .permits import Permits
 
-# How long the arm takes to stop on its ramp and to confirm it, at most [cell s].
+# Longest time for the arm to stop on its ramp and to confirm it [cell s].
 STOP_RAMP_S: Final = 2.0
-# How long jaws take to finish what they have begun, at most [cell s]; the drivers' own limits.
+# Longest time for jaws to finish a motion [cell s]; the drivers' own limits.
 JAWS_S: Final = 10.0
 
 

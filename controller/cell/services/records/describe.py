@@ -22,9 +22,9 @@ from controller.recognition import Sighting
 from .holds import matrix
 from .part import merged
 
-# Of each characteristic the row keeps the edge points of so many looks, twice what a report draws.
-# All of them would be 9 MB for a part, which holds the event loop for half a second; a replay finds
-# them again.
+# Number of looks per characteristic whose edge points the row keeps, twice the number that a report
+# draws. All of them would be 9 MB for a part, which holds the event loop for half a second; a
+# replay finds them again.
 DRAWN_LOOK_COUNT: Final = 6
 
 

@@ -26,7 +26,8 @@ from .choosing import apart_deg, apart_mm
 
 log = logging.getLogger(__name__)
 
-# Two looks at what nobody has moved differ by less, and a grasp takes many times as much.
+# Two looks at an object that nobody has moved differ by less, and a grasp shifts it by many times
+# as much.
 SAME_MM: Final = 0.5
 SAME_DEG: Final = 0.5
 SAME_PX: Final = 6  # change of an object's box if a neighbour no longer touches its outline

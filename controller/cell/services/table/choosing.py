@@ -14,9 +14,9 @@ from controller.cell.compute import Pickable
 from controller.cell.errors import PartProblemError
 from controller.cell.journal.rows import SightingFields
 
-# What stood beside a part that was taken, or dropped next to it, may have been pushed by so much.
+# Objects beside a part that was taken, or dropped next to it, may have been pushed by this much.
 PUSHED_MM: Final = 15.0
-TURNED_DEG: Final = 8.0  # largest change of an untouched part's angle, by recognition's scatter
+TURNED_DEG: Final = 8.0  # largest change of an untouched object's angle, by recognition's scatter
 FREE_STEP: Final = 0.05  # share of an outline; a smaller difference counts as equally free
 
 

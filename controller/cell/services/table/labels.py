@@ -13,7 +13,7 @@ from controller.cell.errors import PartProblemError
 from controller.cell.operator import NOBODY, Operator, Question
 from controller.cell.services.records import PartRecord, Product
 
-MAX_SERIAL: Final = 80  # characters
+MAX_SERIAL: Final = 80  # largest length in characters
 SCAN: Final = "scan"  # code of the question for a number
 
 

@@ -21,9 +21,9 @@ from ..motion import Motion
 from .holder import holder_boxes
 from .views import Views
 
-# After so many views in a row that do not confirm a hold, it is no longer trusted.
+# After this many views in a row without confirmation, a hold is no longer trusted.
 BAD_VIEW_COUNT = 2
-# How far joints may be from a configuration and still be in it: servo error and counts [rad, mm].
+# Tolerance of joints on a configuration: servo error and counts [rad, mm].
 SAME_CONFIGURATION = np.array([0.01, 0.01, 0.01, 0.5, 0.01, 0.01])
 
 

@@ -26,7 +26,8 @@ from controller.planning.model import CellLayout
 
 from .judging import Background, judge_held, judge_on_table
 
-# Of the samples: fewer, on the border of what was shown, are not worth another view.
+# Share of the samples below which a further view is not worth it; fewer, on the border of the
+# surface shown, do not count.
 MIN_NEW_SHARE = 0.001
 
 log = logging.getLogger(__name__)

@@ -17,7 +17,7 @@ from .._family import FamilyMember
 
 MIN_GAIN = 0.002  # share of the surface that one more view must add
 PAIR_COUNT = 24  # pairs of grasps that show all and are timed
-SET_DOWN_S = 16.0  # for going down to the table and up twice; zed is the slowest axis
+SET_DOWN_S = 16.0  # time for going down to the table and up twice; zed is the slowest axis
 
 
 def forecast(

@@ -16,7 +16,7 @@ from ..site import Fellows, standoff_mm
 
 TRAY_GAP_MM = 20.0
 COLUMN_GAP_MM = 20.0
-GAP_MM = 5.0  # between things bolted down
+GAP_MM = 5.0  # least distance between things bolted down
 ABOVE_TABLE_MM = 0.0
 GRID_SIDE_COUNT = 5  # points on each side of an area that a camera must see
 # The picture must be free up to this distance from the camera [standoffs], where the panel stands.

@@ -19,7 +19,7 @@ from ...model import GraspRules, Jaw
 
 SIDES = (1.0, -1.0)
 EDGE_COUNT = 16  # directions in which the edge of a contact is sought
-MIN_FACING = 0.5  # a wall turned farther from its pad never carries
+MIN_FACING = 0.5  # a wall turned farther from its pad bears no load
 _TURN = np.arange(EDGE_COUNT) * 2 * np.pi / EDGE_COUNT
 EDGE_DIRECTIONS = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
 

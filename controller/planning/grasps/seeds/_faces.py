@@ -17,7 +17,7 @@ from controller.arrays import FloatArray
 from controller.cad import Face, Solid
 
 OPPOSED_COS = np.cos(np.radians(2.0))
-BARE_MM2 = 20.0  # less common area cannot make a contact: a pad's rule asks for more
+BARE_MM2 = 20.0  # a smaller common area cannot make a contact: a pad's rule requires more
 
 
 @dataclass(frozen=True, slots=True, eq=False)

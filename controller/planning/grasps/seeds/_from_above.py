@@ -17,7 +17,8 @@ from ._candidates import Candidates
 from ._faces import across
 
 HEADING_COUNT = 24  # headings over half a turn: a jaw turned by half is the same
-PLACE_MM = 3.0  # between places across a heading, half a pad's compliance of a slope of 15 degrees
+# spacing of places across a heading, half a pad's compliance at a slope of 15 degrees
+PLACE_MM = 3.0
 PLACE_COUNT = 40  # largest number of places for a heading
 HIGHER_MM = (0.0, 5.0, 12.0, 24.0)  # heights of the fingertips above the lowest possible
 ROOM_MM = 0.05  # added to the margin, so that rounding does not take it

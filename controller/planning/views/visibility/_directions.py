@@ -29,18 +29,19 @@ from ._visible import (
 SPHERE_COUNT = 90
 SQUARE_SHARE = 0.02  # share of all area from which a planar face deserves a square view
 SAME_RAD = np.radians(3.0)
-# 3 degrees apart: a spot shown only within a narrower cone than this could not be relied on, as
-# the hold is known to two degrees
-ALIKE_RAD = np.radians(1.0)  # of two straight looks one will do
-WEDGE_RAD = np.radians(0.2)  # the same of two lines through narrow wedges
+# Directions 3 degrees apart: a spot shown only within a narrower cone than this could not be relied
+# on, as the hold is known to two degrees.
+ALIKE_RAD = np.radians(1.0)
+WEDGE_RAD = np.radians(0.2)  # the same for two lines through narrow wedges
 SEARCHED_COUNT = 4096
 MIN_SEARCHED_COUNT = 512
 RAY_COUNT = 1_000_000
 # Directions wanted for a spot; a single one may be lost to a finger or a joint limit.
 WANTED_COUNT = 3
 FIRST_WORTH = 1e3  # worth of a first direction, relative to a further one
-MAX_WEDGE_COUNT = 24  # directions for points that no other shows
-MAX_ADDED = 0.5  # share of the even sphere's number, added for spots with a direction already
+MAX_WEDGE_COUNT = 24  # number of directions for points that no other direction shows
+# share of the even sphere's directions that is added for spots with a direction already
+MAX_ADDED = 0.5
 
 
 def even_sphere(count: int) -> FloatArray:

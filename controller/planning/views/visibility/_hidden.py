@@ -10,7 +10,7 @@ from controller.cad import Solid
 from ...model import HiddenEvidence, VisibilityTable
 
 MAJORITY = 0.5  # share of a piece's samples
-NEVER_RAD = np.radians(89.5)  # seen flatter than this is not seen
+NEVER_RAD = np.radians(89.5)  # a surface at a flatter angle than this is invisible
 
 
 def why_hidden(

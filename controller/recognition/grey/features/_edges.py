@@ -22,7 +22,7 @@ COARSEST = 4.0  # between two levels of a digitiser of 6 bits
 MAX_TIMES = 3  # more adds no detail
 LEVEL_ROWS = 96  # rows that suffice to find the levels in use
 PLAIN_SAMPLE = 1500  # edge points that show the strength of plain edges
-ENLARGED = 2.0  # contours of a coarse digitiser are no softer for being enlarged
+ENLARGED = 2.0  # enlarged contours of a coarse digitiser are no softer
 PLANE_NODES = 7  # nodes on a side of the grid that samples the map to the plane
 
 

@@ -13,7 +13,7 @@ from controller.arrays import FloatArray, IntArray
 from .._tolerances import GreyTolerances
 from ._cells import Moments, line_of, rms_of
 
-ROUNDS = 12  # pairs merge to twice the length in each: 4096 cells
+ROUNDS = 12  # pairs merge to twice the length in each round: 4096 cells
 MAX_EXTENDED = 80  # longest lines that are extended
 EXTENSION_GAP_PX = 2.5  # a point is missing on the ridge here and there
 MAX_BRIDGED = 80  # longest lines between which gaps are bridged

@@ -30,7 +30,7 @@ PLAIN_ENOUGH = 0.5  # share of the edgelets that must be the part's and not its 
 BIN_RAD = np.pi / 30  # hypotheses nearer than this are one
 BIN_MM = 3.0
 ENOUGH = 50  # pairs of other features from which circles alone give no hypotheses
-TURNS_OF_A_CIRCLE = 24  # turns tried, since a circle fixes none
+TURNS_OF_A_CIRCLE = 24  # turns tried, since a circle determines none
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -20,7 +20,7 @@ from .index import FeatureIndex
 
 CELL_MM = 1.0
 DIRECTIONS = 16
-NEAR_MM = 2.0  # an edge so far off counts no more: half a step of the grid, and of the turn
+NEAR_MM = 2.0  # an edge this far off counts no more: half a step of the grid, and of the turn
 STEP_CELLS = 2
 TURN_MM = 2.5  # distance between two turns, at a view's farthest edge
 ASKED = 12  # edgelets tested for each placement

@@ -42,11 +42,12 @@ GOES_ON_MM = 8.0  # depth below the table from which lines of sight are traced b
 BURIED_MM = 1.5  # overlap along a line of sight from which two parts are in one place
 BURIED_SHARE = 0.02  # least share of the smaller part
 BURIED_CELLS = 6
-PROBED = (0.2, 0.5, 0.8)  # places on a shared stretch of a line where both parts are tested
+# positions on a shared stretch of a line of sight where both parts are tested
+PROBED = (0.2, 0.5, 0.8)
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 NEXT_PX = 12.0  # distance between two shadows beyond which one part does not affect the other
 WITHIN_PX = 2.0  # distance inside an outline where the surface beside it is probed
-ENDS = 0.7  # share of what runs across curved surfaces that has to be there: of twelve right fits
+ENDS = 0.7  # least share of the visible outline across curved surfaces, from twelve right fits
 # in pictures developed with eleven have 0.78 and more, of two wrong ones along a screw none 0.63
 
 

@@ -26,7 +26,7 @@ from .search import SAME_SHADOW, Proposed, Search
 
 MAX_ROUNDS = 3
 SAME_OUTLINE = 0.97  # overlap of two silhouettes from which one proposes the other's hypotheses
-RIM_PX = 5  # round a part's shadow, what is left there is its rim
+RIM_PX = 5  # width of the rim of a part's shadow
 LEFT_PX = 9  # width below which a piece is a shadow or a rim
 EDGED_SHARE = 0.3  # length of a piece's own edges, as a share of its rim
 BORDER_PX = 6.0  # distance outside an outline where the neighbour of a part is probed
@@ -40,7 +40,7 @@ OVERLAID_MM = 5.0
 # small parts. Of 70 right ones in clusters used in development one has 0.85 to 0.9; the best
 # detail of something unknown has 0.88 (docs/adr/0092).
 SURE = 0.9
-RARE = 0.02  # of parts that are dropped, by which a stable pose is one that needs more to be named
+RARE = 0.02  # share of dropped parts below which a stable pose needs more evidence to be named
 
 
 def parts_of_lit(

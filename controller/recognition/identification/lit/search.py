@@ -48,7 +48,7 @@ from ..lines import by_lines
 from ..scores import FRONT, log_odds, probability
 from .fits import LitCluster, LitFit, are_in_one_place
 
-MARGIN_PX = 40  # of the crop round a cluster: shaded sides are often left out of it
+MARGIN_PX = 40  # margin of the crop round a cluster, whose shaded sides are often left out of it
 MAX_BY_LINES, MAX_BY_OUTLINE, MAX_BY_STRETCHES = 30, 20, 160
 PER_PLACE = 3  # turns of a gear in one place, before those of others are tried
 MAX_LIKE = 8  # similar parts tried for one that is named
@@ -60,13 +60,14 @@ MAX_FINE = 40
 COARSE_SHARE, GOOD_SHARE = 0.45, 0.6  # of a candidate's edges that are about where they should be
 MIN_PROBABILITY = 0.05  # own probability from which a pose is weighed against others
 NEAR_MM, FAR_MM = 2.0, 5.0  # how far off a candidate may lie
-LEANS_FAR_MM = (6.0, 3.0)  # and one that leans, round by round
+LEANS_FAR_MM = (6.0, 3.0)  # the same for one that leans, round by round
 COARSE_SAMPLES, SAMPLES = 300, 1000
 IN_REGION = 0.35  # share of a part's shadow on the piece that was cut out
-LEANS = Prior((np.inf, np.inf, 6.0), (0.15, 0.15, np.inf))  # of each round of a fit
-ON_TABLE = Prior((np.inf, np.inf, 0.3), (0.1, 0.1, np.inf))  # its lowest point is there
-TIPPED_RAD = np.radians((6.0, 12.0, 18.0))  # towards what bears it, where such a fit begins
-LEANING_STEPS = 4  # of a fit: as a part tilts, another point of it becomes the lowest
+LEANS = Prior((np.inf, np.inf, 6.0), (0.15, 0.15, np.inf))  # priors of each round of a fit
+# prior of a part whose lowest point is on the table
+ON_TABLE = Prior((np.inf, np.inf, 0.3), (0.1, 0.1, np.inf))
+TIPPED_RAD = np.radians((6.0, 12.0, 18.0))  # tilts towards its support at which such a fit begins
+LEANING_STEPS = 4  # steps of a fit: as a part tilts, another point of it becomes the lowest
 SETTLED_MM = 0.15  # height above the table below which the lowest point is on it
 MIN_TILT_RAD, MAX_TILT_RAD = np.radians(2.5), np.radians(30.0)
 MAX_LOW_MM = 1.0  # largest height of a leaning part's lowest point above the table

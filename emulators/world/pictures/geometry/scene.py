@@ -43,7 +43,7 @@ STEEL: Final = Material(albedo=0.22, gloss=0.08)
 TABLE: Final = Material(albedo=0.18)
 OPAL: Final = Material(albedo=0.20)  # a backlight panel that is off
 TRAY: Final = Material(albedo=0.30)
-PAPER: Final = Material(albedo=0.80)  # matt, as a board has to be
+PAPER: Final = Material(albedo=0.80)  # matt, as boards must be
 INK: Final = Material(albedo=0.04)
 MACHINED_PART: Final = 0  # number in MATERIALS of the parts' material
 MATERIALS: Final = (MACHINED, PAINTED, STEEL, TABLE, OPAL, TRAY, PAPER, INK)

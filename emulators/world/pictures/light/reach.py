@@ -16,7 +16,7 @@ from .lamps import Lamps
 
 Outline = NDArray[np.int32]
 
-_MARGIN_PX: Final = 4  # above the lens's bend of an edge that spans the picture
+_MARGIN_PX: Final = 4  # above the bend by the lens of an edge that spans the picture
 _FAR_PX: Final = 20_000  # limit of coordinates, for OpenCV's sake
 _NEAR_MM: Final = 20.0
 _HIGHEST: Final = 0.98  # share of a lamp's height; higher things throw their shadow far away

@@ -20,7 +20,7 @@ Mask = NDArray[np.bool_]
 
 PROBE_COUNT: Final = 8  # points of a source, enough to know whether all of it is seen
 COARSE_COUNT: Final = 16  # points of a partly seen source, for each of some neighbours that share
-PIXEL_COUNT: Final = 32  # points for one pixel alone
+PIXEL_COUNT: Final = 32  # points for a single pixel
 NODE_COUNT: Final = 64  # points for a block's corner, whose light many pixels share
 DIFFER: Final = 0.25  # largest difference of neighbours' shares for a mean
 LEAN_DIFFER: Final = 0.02  # largest difference of neighbours' radiance if they lie to one side

@@ -26,7 +26,7 @@ _ALIKE_COS: Final = 0.9  # least cosine between the normals of neighbouring pixe
 _DARK: Final = 0.004  # radiance below which there is no highlight to scale
 _FACTOR: Final = (0.3, 3.0)
 _SOURCE_COUNT: Final = 4  # points of a lamp that light up the nodes
-_APART_MM: Final = (17.3, 31.7)  # offset from face to face of its place in the tables
+_APART_MM: Final = (17.3, 31.7)  # offset of its position in the tables from face to face
 _CHUNK: Final = 60_000  # pixels at a time
 
 
