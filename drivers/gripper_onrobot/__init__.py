@@ -1,4 +1,4 @@
-"""OnRobot RG2 and RG6 behind a Compute Box, over Modbus TCP: modbus_devices.md 3."""
+"""OnRobot RG2 and RG6 behind a Compute Box, over Modbus TCP (modbus_devices.md 3)."""
 
 from dataclasses import dataclass
 from typing import Literal
