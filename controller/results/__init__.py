@@ -3,7 +3,8 @@
 `load_run` folds a run's journal into a `RunRecord`, `judged_parts` are its parts with all that a
 report says of them, `judged_part` the same of an inspection without a run. `write_html` makes the
 page that an inspector signs, `report_json` the same for machines; `qif_bytes`, `dfq_bytes` and
-`csv_text` are for other programs, `write_report` writes any of them by the suffix of the file.
+`csv_text` are for other programs, `write_report` writes any of them by the suffix of the file,
+`write_form3` the characteristics in the layout of Form 3 of AS9102.
 `plan_page` and `sheet` draw a plan and compiled parts.
 """
 
@@ -21,9 +22,18 @@ from .run import (
     note_results,
     prove_run,
 )
-from .writing import SUFFIXES, write_html, write_parts, write_report, write_run_pdf
+from .writing import (
+    FORM3_FORMATS,
+    SUFFIXES,
+    write_form3,
+    write_html,
+    write_parts,
+    write_report,
+    write_run_pdf,
+)
 
 __all__ = [
+    "FORM3_FORMATS",
     "SCHEMA_VERSION",
     "SUFFIXES",
     "Header",
@@ -46,6 +56,7 @@ __all__ = [
     "qif_bytes",
     "report_json",
     "result_json",
+    "write_form3",
     "write_html",
     "write_parts",
     "write_report",

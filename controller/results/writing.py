@@ -12,7 +12,14 @@ from controller.cad import Solid
 from .exports import csv_text, dfq_bytes, qif_bytes
 from .judged import JudgedPart, counted_parts, result_json
 from .pages import write_file, write_page
-from .report import PdfError, pdf_bytes, render, render_parts
+from .report import (
+    PdfError,
+    pdf_bytes,
+    render,
+    render_form3,
+    render_form3_parts,
+    render_parts,
+)
 from .run import RunRecord
 
 
@@ -84,6 +91,34 @@ def write_run_pdf(record: RunRecord, path: Path) -> Path:
     return _write_pdf(paper, record.recipe_name, record.end, path)
 
 
+def write_form3(
+    made_of: RunRecord | Sequence[JudgedPart], form: str, path: Path, solid: Solid | None = None
+) -> Path:
+    """Write parts in the layout of Form 3 of AS9102 and return the path.
+
+    Parameters
+    ----------
+    made_of : a run, or parts of one product
+    form : one of `FORM3_FORMATS`
+    path : any suffix
+    solid : CAD model of parts without their run, for the drawing
+
+    Raises
+    ------
+    ResultsError : the run has no part
+    PdfError : this machine can make no PDF; the page stands beside it as HTML
+    OSError : the file cannot be written
+    """
+    if isinstance(made_of, RunRecord):
+        page, name, end = render_form3(made_of), made_of.recipe_name, made_of.end
+    else:
+        page, header = render_form3_parts(made_of, solid), made_of[-1].header
+        name, end = header.part, header.end
+    if form == "html":
+        return write_page(page, path)
+    return _write_pdf(page, f"{name}, characteristic accountability", end, path)
+
+
 def _qif_sha256(record: RunRecord) -> str:
     """Return the SHA-256 of a run's QIF file, if it has the same bytes each time; else empty."""
     try:
@@ -120,4 +155,5 @@ FORMS: Final[Mapping[str, Writer]] = {
     "qif": lambda parts, _: qif_bytes(parts),
     "dfq": lambda parts, _: dfq_bytes(parts),
 }
+FORM3_FORMATS: Final = ("html", "pdf")
 SUFFIXES: Final = tuple(f".{form}" for form in ("pdf", *FORMS))

@@ -333,7 +333,13 @@ def test_one_parts_record_has_its_pictures(at: Bench) -> None:
     assert at.client.get(f"/history/picture/{FAILED}/1/8").status_code == 404
 
 
-BEGINS = {"html": b"<!doctype html>", "pdf": b"%PDF-", "csv": b"\xef\xbb\xbfrun,", "qif": b"<?xml"}
+BEGINS = {
+    "html": b"<!doctype html>",
+    "pdf": b"%PDF-",
+    "csv": b"\xef\xbb\xbfrun,",
+    "qif": b"<?xml",
+    "as9102": b"%PDF-",
+}
 
 
 def test_a_part_and_its_run_are_fetched_by_buttons_in_each_form(at: Bench) -> None:
@@ -348,7 +354,9 @@ def test_a_part_and_its_run_are_fetched_by_buttons_in_each_form(at: Bench) -> No
         assert reply.content.lower().startswith(BEGINS[form].lower())
         # a report is kept by the browser, not shown as a page of this site
         assert reply.headers["content-disposition"].startswith("attachment")
-        assert reply.headers["content-disposition"].endswith(f".{form}")
+        assert reply.headers["content-disposition"].endswith(
+            "-as9102.pdf" if form == "as9102" else f".{form}"
+        )
     assert "<svg" in at.client.get(f"/history/file/{OPEN}/1/html").text
 
 

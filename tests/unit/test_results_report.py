@@ -24,7 +24,7 @@ from controller.results.report.html import render
 from controller.results.report.ledger import rounded_to_whole
 from controller.results.report.pictures import outline_path, window_round
 
-VOID = {"meta", "img", "br", "hr", "link", "input"}
+VOID = {"col", "meta", "img", "br", "hr", "link", "input"}
 NASTY = "<script>alert('x')</script>&\"' {{ 7 * 7 }}"
 
 

@@ -330,18 +330,34 @@ class Form(StrEnum):
     DFQ = "dfq"
 
 
+class Layout(StrEnum):
+    """Layout of a report that is printed."""
+
+    STANDARD = "standard"
+    AS9102 = "as9102"
+
+
 def report(
     run_name: Annotated[
         str | None, typer.Argument(metavar="RUN", help="name of the run (default: the newest)")
     ] = None,
     form: Annotated[Form, typer.Option("--format", help="format of the report")] = Form.HTML,
+    layout: Annotated[
+        Layout,
+        typer.Option(
+            "--layout",
+            help="layout of HTML or PDF: `standard`, or `as9102`: the characteristics as in Form 3 "
+            "of AS9102",
+        ),
+    ] = Layout.STANDARD,
     output: Annotated[
         Path | None,
         typer.Option(
             "--output",
             "-o",
             metavar="FILE",
-            help="file to write (default: report.FORMAT in the run's folder; JSON to stdout)",
+            help="file to write (default: report.FORMAT in the run's folder, with another layout "
+            "report-LAYOUT.FORMAT; JSON to stdout)",
         ),
     ] = None,
     runs: RunsOption = Path("runs"),
@@ -354,4 +370,6 @@ def report(
     with loading():
         from .report_file import write_report
 
-    raise typer.Exit(write_report(runs, run_name, "json" if json else form.value, output))
+    raise typer.Exit(
+        write_report(runs, run_name, "json" if json else form.value, output, layout.value)
+    )

@@ -9,11 +9,13 @@ from typing import Final
 from controller.cell.journal import JournalError
 from controller.config import ConfigError
 from controller.results import (
+    FORM3_FORMATS,
     ResultsError,
     counted_parts,
     load_run,
     note_results,
     report_json,
+    write_form3,
     write_html,
     write_parts,
     write_run_pdf,
@@ -23,10 +25,13 @@ from controller.results.pages import write_page
 from ..inputs.checks import check_writable_folder
 from ..terminal.output import emit, print_line, warn
 
+STANDARD: Final = "standard"
 NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT)
 
 
-def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None) -> int:
+def write_report(
+    runs_dir: Path, run: str | None, form: str, output: Path | None, layout: str = STANDARD
+) -> int:
     """Write the report of a run; return the exit code.
 
     Parameters
@@ -35,11 +40,17 @@ def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None
     run : id, the beginning of an id, or folder of the run; None for the newest
     form : "html", "pdf", "json", "csv", "qif" or "dfq"
     output : file to write; None for a file in the run's folder, or JSON on stdout
+    layout : `STANDARD`, or "as9102" for Form 3 of AS9102
 
     Raises
     ------
+    ConfigError : the layout is of no such format, or the file cannot be written
     ResultsError : the run has nothing that the format could hold, or this machine makes no PDF
     """
+    if layout != STANDARD and form not in FORM3_FORMATS:
+        raise ConfigError(
+            f"--layout {layout}: is a page to print; use --format {' or '.join(FORM3_FORMATS)}"
+        )
     record = load_run(runs_dir, run)
     if form == "json":
         body = report_json(record)
@@ -51,9 +62,12 @@ def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None
             note_report(record.folder.parent, record.run_id, output)
             print_line(f"report: {output}")
         return 0
-    path = output or record.folder / f"report.{form}"
+    name = "report" if layout == STANDARD else f"report-{layout}"
+    path = output or record.folder / f"{name}.{form}"
     _check(path)
-    if form == "html":
+    if layout != STANDARD:
+        write_form3(record, form, path)
+    elif form == "html":
         write_html(record, path)
     elif form == "pdf":
         write_run_pdf(record, path)

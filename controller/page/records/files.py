@@ -14,6 +14,7 @@ from controller.results import (
     counted_parts,
     judged_parts,
     load_run,
+    write_form3,
     write_html,
     write_parts,
     write_run_pdf,
@@ -25,6 +26,7 @@ FORMS: Final[Mapping[str, str]] = {
     "pdf": "application/pdf",
     "csv": "text/csv; charset=utf-8",
     "qif": "application/xml",
+    "as9102": "application/pdf",  # in the layout of its Form 3
 }
 LISTED_FORMS: Final = ("csv", "qif")  # forms for lists of parts of several runs
 
@@ -49,7 +51,8 @@ class Wanted:
     def name(self) -> str:
         """The file's name."""
         part = f"-part{self.number:03d}" if self.number else ""
-        return f"{self.run}{part}.{self.form}" if self.run else f"parts.{self.form}"
+        ending = "-as9102.pdf" if self.form == "as9102" else f".{self.form}"
+        return f"{self.run}{part}{ending}" if self.run else f"parts{ending}"
 
 
 def write_wanted(url: str, runs_dir: Path, wanted: Wanted, path: Path) -> str:
@@ -71,7 +74,10 @@ def write_wanted(url: str, runs_dir: Path, wanted: Wanted, path: Path) -> str:
                 store.close()
         elif wanted.number:
             record = folded(runs_dir / JOURNAL_NAME, wanted.run, [wanted.number])
-            write_parts(judged_parts(record), wanted.form, path, _solid(record))
+            if wanted.form == "as9102":
+                write_form3(judged_parts(record), "pdf", path, _solid(record))
+            else:
+                write_parts(judged_parts(record), wanted.form, path, _solid(record))
         else:
             _write_run(load_run(runs_dir, wanted.run), wanted.form, path)
     except (HistoryError, JournalError, ResultsError, OSError, ValueError) as error:
@@ -84,6 +90,8 @@ def _write_run(record: RunRecord, form: str, path: Path) -> None:
         write_html(record, path)
     elif form == "pdf":
         write_run_pdf(record, path)
+    elif form == "as9102":
+        write_form3(record, "pdf", path)
     else:
         write_parts(counted_parts(record), form, path)
 

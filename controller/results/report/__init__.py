@@ -1,7 +1,11 @@
-"""A run's report: one HTML page that an inspector signs, and the same as JSON for machines."""
+"""A run's report: one HTML page that an inspector signs, and the same as JSON for machines.
+
+`form3.py` has the parts once more, in the layout of Form 3 of AS9102.
+"""
 
 from ..pdf import PdfError, pdf_bytes
 from ._json import SCHEMA_VERSION, report_json
+from .form3 import render_form3, render_form3_parts
 from .html import render, render_parts
 
 __all__ = [
@@ -9,6 +13,8 @@ __all__ = [
     "PdfError",
     "pdf_bytes",
     "render",
+    "render_form3",
+    "render_form3_parts",
     "render_parts",
     "report_json",
 ]

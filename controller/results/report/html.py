@@ -56,6 +56,18 @@ def render(
     on_paper : leave out what opens on demand
     qif_sha256 : of the same results as QIF, which the page then names
     """
+    return _render(
+        judged_parts(record),
+        solids_of(record),
+        record,
+        max_bytes,
+        on_paper=on_paper,
+        qif_sha256=qif_sha256,
+    )
+
+
+def solids_of(record: RunRecord) -> Callable[[JudgedPart], Solid | str]:
+    """Return what finds the CAD model of a run's part, or why there is none; each is read once."""
     known: dict[str, Solid | str] = {}
 
     def solid(judged: JudgedPart) -> Solid | str:
@@ -64,9 +76,7 @@ def render(
             known[file] = solid_in_run(record, judged.part)
         return known[file]
 
-    return _render(
-        judged_parts(record), solid, record, max_bytes, on_paper=on_paper, qif_sha256=qif_sha256
-    )
+    return solid
 
 
 def render_parts(

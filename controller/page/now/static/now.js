@@ -278,7 +278,7 @@ function drawParts([parts, counts]) {
 function drawFiles([run, isThere]) {
   $("files").hidden = !isThere;
   if (!isThere) return;
-  $("files").replaceChildren(el("span", `${t("Report of the run")}:`), ...["html", "pdf", "csv", "qif"].map((form) => {
+  $("files").replaceChildren(el("span", `${t("Report of the run")}:`), ...["html", "pdf", "csv", "qif", "as9102"].map((form) => {
     const link = el("a", form.toUpperCase(), "button");
     link.href = `/history/file/${encodeURIComponent(run)}/${form}`;
     link.setAttribute("aria-label", `${t("Report of the run")}: ${form.toUpperCase()}`);

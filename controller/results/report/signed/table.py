@@ -1,4 +1,4 @@
-"""The rows of characteristics, as in form 3 of AS9102: requirement, result and verdict."""
+"""The rows of characteristics: requirement, result and verdict."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -49,6 +49,11 @@ class Row:
     U: str
     deviation: str
     bar: Bar
+
+    @property
+    def unit(self) -> str:
+        """The unit's sign."""
+        return UNITS[self.c.unit]
 
     @property
     def note(self) -> str:
