@@ -138,7 +138,7 @@ def test_the_watchdog_is_proven_by_cutting_communication(tmp_path: Path) -> None
         assert any("lose their supply next" in text for text in helper.texts)
         (went,) = [figure for figure in record.figures if "without supply" in figure.name]
         assert went.value == pytest.approx(WATCHDOG_S, abs=0.1)  # as its web console has it
-        assert any("gave it back" in text for text in record.findings)
+        assert any("restored it" in text for text in record.findings)
         offs = [change for change in one.cell.cell.supply_changes if not change.on]
         assert len(offs) >= 2  # proven as it connects, and again by the step
 
@@ -167,7 +167,7 @@ def test_a_watchdog_that_stops_nothing_fails_the_step(
 def test_a_cell_without_a_watchdog_is_told_what_a_frozen_computer_does(tmp_path: Path) -> None:
     async def story(one: Story) -> None:
         record = await one.run(one.session(Helper()))
-        assert any("freezes does not stop the arm" in text for text in record.findings)
+        assert any("freezes, the arm is not stopped" in text for text in record.findings)
 
     play(tmp_path, Story, story)
 

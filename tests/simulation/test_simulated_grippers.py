@@ -176,7 +176,7 @@ def test_a_plate_that_falls_out_half_way_is_missed_and_the_arm_leaves(
         one.at["touch 1.1"] = lambda: one.cell.befall("lose_part", gripper="fixture")
         record = await one.run()
         assert record.outcome is Outcome.FAILED
-        assert "the plate is gone from the fixed gripper" in record.message
+        assert "the plate is no longer in the fixed gripper" in record.message
         park = load_cell(one.drawn).arm.park_deg  # type: ignore[union-attr]
         q = one.cell.cell.arm.joints()
         assert abs(degrees(q.shoulder_rad) - park.shoulder) < 1.0

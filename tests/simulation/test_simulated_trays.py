@@ -94,7 +94,7 @@ def test_trays_beside_their_marks_are_found_and_used(tmp_path: Path) -> None:
     # a hand is up to 0.5 mm off along each axis, rounding of joints less
     np.testing.assert_allclose(cell.trays.accept.centre, ACCEPT + MOVED_MM, atol=0.7)
     assert any("obstacles, as drawn" in text for text in record.findings)
-    heights = [one for one in record.figures if one.name == "table: its height where parts are"]
+    heights = [one for one in record.figures if one.name == "table: its height in the drop area"]
     assert len(heights) == 1
 
 
@@ -106,7 +106,7 @@ def test_another_corner_than_the_one_named_is_noticed(tmp_path: Path) -> None:
 
     record, out = run(tmp_path, beside)
     assert record.outcome is Outcome.FAILED
-    assert "it was another corner, or the tray is not where it is drawn" in record.message
+    assert "it was another corner, or the tray stands elsewhere" in record.message
     assert not (out / "calibrations" / "trays.json").exists()
 
 

@@ -224,7 +224,7 @@ def why_refused(state: str, event: str) -> str:
     if (state == "idle" or work == "resetting") and event in PAUSE_NAMES | {"step"}:
         return "homing finds its references in one go: pause once it is done, or stop"
     if event == "acknowledge":
-        return "nothing waits to be acknowledged"
+        return "nothing is waiting for an acknowledgement"
     if event == "resume" and mode == "suspending":
         return "the cell is still coming to its pause: resume once it stands"
     if event in ("resume", "step") and state in NOTHING_MOVES - {"complete"}:

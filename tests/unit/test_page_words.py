@@ -557,7 +557,7 @@ def test_messages_of_recoveries_and_devices_keep_no_english_in_german() -> None:
 
 def everything_about_the_custody() -> Iterator[str]:
     """Yield what is said of where a part is, from each custody and each way a start is refused."""
-    detail = "the hand-off was undone"
+    detail = "the hand-off was reversed"
     since = "2026-01-02T03:04:05+00:00"
     for custody in Custody:
         yield from (where_it_is(custody), where_it_is(custody, detail))

@@ -55,13 +55,13 @@ class HomeAction:
         """
         await _until_healthy(self.io, self.gate)
         self.preparation.begin()
-        self.record.show("homing the arm; it sweeps its whole reach")
+        self.record.show("homing the arm; it sweeps its whole workspace")
         await self.imaging.all_dark()
         found = await self.grippers.read_fixed()
         if found.occupancy is Occupancy.HOLDS:
             raise PartProblemError(
                 "fixture_not_empty",
-                f"the fixed gripper holds something: {found.reason}; take it out first",
+                f"the fixed gripper holds something: {found.reason}; take that out first",
             )
         async with asyncio.TaskGroup() as both:
             both.create_task(self._ready_fixed_gripper())
@@ -108,7 +108,7 @@ class ReadyAction:
         """
         await _until_healthy(self.io, self.gate)
         self.preparation.begin()
-        self.record.show("getting ready; nothing is homed, since a gripper may hold a part")
+        self.record.show("getting ready; nothing is homed, because a gripper may hold a part")
         await self.imaging.all_dark()
         if self.resumption.homes:
             return Event.RESET_DONE  # power comes once the part has been taken over

@@ -136,7 +136,7 @@ class PlanAction:
             except NoPlanError:
                 if avoid == own:
                     raise
-                log.info("no plan without %s: with them after all", ", ".join(sorted(avoided)))
+                log.info("no plan without %s: they are used after all", ", ".join(sorted(avoided)))
         raise AssertionError("the second try returns or raises")
 
     async def _start(self) -> Start:
@@ -156,8 +156,8 @@ class PlanAction:
                 return InFixedGripper(part.fixed_grasp, await self.motion.read_q())
         raise PartProblemError(
             "no_plan",
-            f"no plan begins with a part that is {part.custody.value}; take it out of the cell and "
-            "start again",
+            f"no plan begins with a part whose custody is {part.custody.value}; take it out "
+            "of the cell and start again",
         )
 
     def _keep_plan(self, error: NoPlanError, start: Start, before: Plan | None) -> Event:
@@ -172,7 +172,7 @@ class PlanAction:
             ) from error
         if isinstance(start, OnTable) or before is None:
             raise PartProblemError("no_plan", str(error)) from error
-        log.info("no new plan (%s): on with the one there was", error)
+        log.info("no new plan (%s): continuing with the previous one", error)
         self.record.note(PlanKept(reason=str(error)))
         return Event.PLANNED_ON
 

@@ -51,7 +51,7 @@ class RecoverAction:
         PartFaultError : the part is gone from the gripper that held it
         PartProblemError : a person has to look
         """
-        self.record.show("going on with the part of the interrupted run")
+        self.record.show("continuing with the part of the interrupted run")
         proposal = await self.resumption.take_over()
         case = proposal.case
         if case.holds_as_expected:
@@ -80,7 +80,7 @@ class RecoverAction:
     async def _set_custody(self, proposal: Proposal) -> None:
         """Journal who has the part, which resolves the interrupted step."""
         intent, custody = proposal.left.intent, proposal.case.custody
-        detail = "as the grippers report after a crash"
+        detail = "reported by the grippers after a crash"
         if custody is Custody.PLACED and intent is not None and intent.tray is not None:
             detail = intent.tray
         await self.record.set_custody(custody, detail)
@@ -146,7 +146,7 @@ class RecoverAction:
                 intent = Intent(name=UNDOES[opens], detail="undone", open_mm=open_mm)
                 async with self.record.once(intent):
                     await self.grippers.open_fixed(open_mm)
-                await self.record.set_custody(Custody.IN_ARM, "the hand-off was undone")
+                await self.record.set_custody(Custody.IN_ARM, "the hand-off was reversed")
             case Opens.ARM if is_retreat:
                 await self.grippers.require_fixed_holds()
                 await self.grippers.open_arm(arm_open_mm(left))
@@ -155,7 +155,7 @@ class RecoverAction:
                 async with self.record.once(Intent(name=UNDOES[opens], detail="undone")):
                     await self.grippers.open_arm(arm_open_mm(left))
                 part.hold = None
-                await self.record.set_custody(Custody.IN_FIXED, "the hand-off back was undone")
+                await self.record.set_custody(Custody.IN_FIXED, "the hand-off back was reversed")
             case Opens.ARM_ON_TABLE | Opens.ARM_OVER_TRAY:
                 await self.grippers.open_arm(arm_open_mm(left))
                 part.hold = None
@@ -175,7 +175,7 @@ class RecoverAction:
         part, left = self.record.part, proposal.left
         is_held = proposal.custody in (Custody.IN_ARM, Custody.IN_FIXED)
         if is_held and left.is_ambiguous and part.parked is None:
-            park_interrupted(self.record, "no view had decided yet which part or pose it is")
+            park_interrupted(self.record, "no view had yet decided between parts or poses")
         match proposal.custody:
             case Custody.IN_ARM:
                 await self.grippers.press_and_require_hold()
@@ -205,7 +205,7 @@ class RecoverAction:
         part.hold = None
         await self.record.set_custody(Custody.LOST, "not in a gripper after the crash")
         raise PartFaultError(
-            PartFault.DROPPED, "after the crash no gripper holds the part any more"
+            PartFault.DROPPED, "no gripper holds the part any more after the crash"
         )
 
     async def _open_fixed_wide(self) -> None:

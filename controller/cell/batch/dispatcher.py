@@ -433,14 +433,14 @@ class Dispatcher:
         if violation is not None:
             return violation.message
         if event is Event.ACKNOWLEDGE:
-            return "" if self._held_by is not None else "nothing waits to be acknowledged"
+            return "" if self._held_by is not None else "nothing is waiting for an acknowledgement"
         if self._held_by is not None:
             return (
                 f"the run was held ({self._held_by.message}): look at the cell and acknowledge "
                 'that, `cellctl ack --why "..."`, then resume'
             )
         if event is Event.STEP and self._standstill.looks_again:
-            return "the door was open, so that the part is looked for first: resume"
+            return "the door was open, so the cell looks for the part first: resume"
         return ""
 
     def _take_acknowledgement(self, note: _Note) -> None:

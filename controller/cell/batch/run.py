@@ -252,8 +252,8 @@ async def _supervision(
     async with supervised.beating():
         for name in supervised.unreached:
             on_notice(
-                f"{name}: takes no second connection, so that the supervisor cannot stop it while "
-                "the controller is late"
+                f"{name}: accepts no second connection, so the supervisor cannot stop it "
+                "while the controller is late"
             )
         yield
 

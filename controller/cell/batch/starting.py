@@ -178,7 +178,7 @@ async def find_proposal(
     """
     whose = {(one.run, one.part) for one in known}
     if len(whose) != 1:
-        return "two runs have left a part each"
+        return "two runs have each left a part"
     ((run, part),) = whose
     if not part:
         return f"run {run} had no part of its own"
@@ -200,7 +200,10 @@ async def find_proposal(
 def _why_not_here(left: Interrupted, began: rows.RunBegan, *, has_recipe: bool) -> str:
     """Return the reason why a part cannot go on in this run; empty if it can."""
     if not same_cell(left.began.cell, began.cell):
-        return "the cell file has changed since: paths and grasps of that run mean nothing here"
+        return (
+            "the cell file has changed since then: the paths and grasps of that run are no "
+            "longer valid"
+        )
     if has_recipe and recipe_for(left, began) is None:
         name = left.recipe.recipe.get("name", "")
         return f"it is the part of recipe {name}: start with that recipe"
@@ -249,15 +252,15 @@ async def _decided(
 def _why_not_alone(proposal: Proposal) -> str:
     if proposal.homing is not None:
         return (
-            "the arm has to home with the part in a gripper, and a person has to see that it "
-            "stands where the run has left it"
+            "the arm has to home with the part in a gripper, and a person has to confirm "
+            "that it still stands where that run left it"
         )
     if proposal.case.activates_fixed:
         return (
-            "the fixed gripper lost its power and has to be activated, and a person has to see "
-            "that nothing is between its jaws"
+            "the fixed gripper lost its power and has to be activated, and a person has to "
+            "confirm that nothing is between its jaws"
         )
-    return "the way out is not proven to end free"
+    return "the path out is not proven to end free"
 
 
 def _row(
@@ -288,7 +291,7 @@ def _question(proposal: Proposal) -> Question:
             + (f"\n{proposal.look}" if proposal.look else "")
         ),
         choices=(
-            Choice(GO_ON, "go on with the part as listed"),
+            Choice(GO_ON, "continue with the part as listed"),
             Choice(REFUSE, "move nothing; I take the part out"),
         ),
         preview=((GO_ON, proposal.preview),),
@@ -301,8 +304,8 @@ def _why_refused(order: RunOrder, proposal: Proposal) -> str:
     if order.recovery == "auto":
         if proposal.homing is not None or proposal.case.activates_fixed:
             return f"{_why_not_alone(proposal)}; decide with `cellctl recover --accept`"
-        return "what the cell would do is not proven safe"
-    return "it was not accepted to go on"
+        return "the next motion of the cell is not proven safe"
+    return "continuing with it was not accepted"
 
 
 def refuse(

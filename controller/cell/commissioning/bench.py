@@ -92,8 +92,8 @@ class Bench:
         check_interlocks(self.devices.io)
         await self.person.confirm(
             "may_move",
-            f"{what} The cell has to be clear of people and loose things, and somebody has to "
-            "stand at the emergency stop. Is it so?",
+            f"{what} The cell has to be clear of people and loose objects, and somebody has "
+            "to stand at the emergency stop. Is that so?",
         )
         check_interlocks(self.devices.io)
         self.gate.permits.issue(PERMIT)

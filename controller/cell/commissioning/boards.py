@@ -110,14 +110,14 @@ def load_plate(file: Path) -> BoardSection:
         for what, is_there in (
             ("a ChArUco board (`squares`)", board.squares is not None),
             ("a print on its back (`back_first_marker`)", board.build_back() is not None),
-            ("a bare side to hold it by (`bare_mm`)", board.bare_mm > 0),
+            ("a bare side for the grasp (`bare_mm`)", board.bare_mm > 0),
         )
         if not is_there
     ]
     if missing:
         raise StepFailedError(
-            f"{file}: is no plate for the jaws: it lacks {', '.join(missing)}; print one by "
-            "`cellctl print-target paddle`"
+            f"{file}: is no plate for the jaws: it lacks {', '.join(missing)}; print one "
+            "with `cellctl print-target paddle`"
         )
     return board
 
@@ -310,8 +310,9 @@ class PlateInJaws:
                 else ""
             )
             raise StepFailedError(
-                f"the jaws closed to {opening_mm:.1f} mm, the plate is {thickness_mm:g} mm thick: "
-                f"{pads}the plate is not between them, or it is not that of its file"
+                f"the jaws closed to {opening_mm:.1f} mm, the plate is {thickness_mm:g} mm "
+                f"thick: {pads}the plate is not between them, or its file is of another "
+                "plate"
             )
 
     async def give_back(self) -> None:

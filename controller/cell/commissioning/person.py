@@ -141,7 +141,7 @@ class EmulatedPerson:
                 finally:
                     writer.close()
         except (OSError, TimeoutError) as error:
-            raise CellError(f"{errand.code}: no hands in the emulated cell: {error}") from error
+            raise CellError(f"{errand.code}: the emulated cell has no hands: {error}") from error
 
 
 def _require_done(errand: Errand, line: bytes) -> None:

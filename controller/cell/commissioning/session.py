@@ -206,12 +206,12 @@ def due(standings: Sequence[Standing], only: str | None) -> tuple[str, ...]:
         return tuple(one.step for one in standings if one.status is not Status.DONE)
     by_name = {step.name: step for step in STEPS}
     if only not in by_name:
-        raise ConfigError(f"--step {only:.40}: there are {', '.join(by_name)}")
+        raise ConfigError(f"--step {only:.40}: the steps are {', '.join(by_name)}")
     status = {one.step: one for one in standings}
     for need in by_name[only].needs:
         if status[need].status is not Status.DONE:
             raise ConfigError(
                 f"--step {only}: it needs `{need}`, which is {status[need].status.value} "
-                f"({status[need].reason}); leave --step out, or do {need} first"
+                f"({status[need].reason}); leave --step out, or run {need} first"
             )
     return (only,)

@@ -435,7 +435,7 @@ REFUSED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
     (
         (Event.ACKNOWLEDGE,),
         tuple(state for state in STATES if state not in _SUSPENDED),
-        "nothing waits to be acknowledged",
+        "nothing is waiting for an acknowledgement",
     ),
     (
         (Event.RESUME, Event.STEP),

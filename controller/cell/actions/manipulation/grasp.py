@@ -90,8 +90,8 @@ class GraspAction:
             await self._leave(step)
             raise PartFaultError(
                 PartFault.GRASP_WRONG,
-                f"the jaws stopped at {opening_mm:.1f} mm, {expected}: they held other faces, or "
-                "something else",
+                f"the jaws stopped at {opening_mm:.1f} mm, {expected}: they held other "
+                "faces of the part, or another object",
                 source=GRASP + step.grasp.id,
             )
 

@@ -90,7 +90,7 @@ class HandOffAction:
     async def _keep_in_arm(self, step: GiveStep, why: str) -> NoReturn:
         """Keep the part in the arm gripper and go back to the start of the step."""
         hold = self.record.held()
-        await self.record.set_custody(Custody.IN_ARM, "the fixed gripper did not get it")
+        await self.record.set_custody(Custody.IN_ARM, "the fixed gripper did not receive the part")
         # no wider than on the way in: the arm's fingers are between its own
         await self.grippers.open_fixed(step.fixed_pre_open_mm)
         await self.grippers.press_and_require_hold()
@@ -102,7 +102,7 @@ class HandOffAction:
         self.motion.reach(SafePoint.LIFTED, ends_step=True)
         raise PartFaultError(
             PartFault.HAND_OFF_FAILED,
-            f"hand-off: {why}; the arm still holds the part",
+            f"hand-off: {why}; the arm gripper still holds the part",
             source=GRASP + step.fixed_grasp.id,
         )
 
@@ -136,7 +136,7 @@ class HandOffAction:
     async def _leave_in_fixed(self, step: ReceiveStep, opening_mm: float) -> NoReturn:
         """Leave the part in the fixed gripper and go back to the start of the step."""
         await self.grippers.open_arm(step.pre_open_mm)
-        await self.record.set_custody(Custody.IN_FIXED, "the arm gripper did not get it")
+        await self.record.set_custody(Custody.IN_FIXED, "the arm gripper did not receive the part")
         await self.motion.go_back(len(step.approach))
         await self.grippers.require_fixed_holds()
         await self.motion.go_back(len(step.motion_in))

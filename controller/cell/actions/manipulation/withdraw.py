@@ -65,7 +65,7 @@ class WithdrawAction:
         if part.custody is Custody.LOST:
             if self.grippers.is_something_in_fixed:
                 raise PartProblemError(
-                    "part_lost", "the part hangs in the fixed gripper, not held well; take it out"
+                    "part_lost", "the part hangs loosely in the fixed gripper; take it out"
                 )
             await self.grippers.open_fixed()
         self.motion.reach(SafePoint.PARKED, ends_step=True)

@@ -75,7 +75,7 @@ class AcquireAction:
 
 
 async def _look() -> NextMotion:
-    return NextMotion("nothing moves yet: pictures of the table are taken")
+    return NextMotion("nothing moves yet: the cell takes pictures of the table")
 
 
 def require_room(trays: TrayRecord) -> None:
@@ -99,6 +99,7 @@ def _require_glow(picture: Grey) -> None:
     level = float(np.quantile(picture[::8, ::8], 0.9))
     if level < MIN_GLOW:
         raise CellError(
-            f"the light table is dark (grey level {level:.0f}, {MIN_GLOW} is the least): "
-            "check the lamp table_backlight, its relay and its supply, and the lens cap"
+            f"the light table is dark (grey level {level:.0f}; at least {MIN_GLOW} is "
+            "required): check the lamp table_backlight, its relay and its supply, and the "
+            "lens cap"
         )

@@ -65,7 +65,7 @@ class InspectAction:
         ------
         PartFaultError : the part is not held as planned, or too little of it was in sight
         """
-        self.record.show("judging what was shown")
+        self.record.show("judging the views")
         await self._learn()
         self.views.take_ready()
         if self.steps.next(Present) is not None:
@@ -115,7 +115,7 @@ class InspectAction:
         if missing >= WORTH_SHARE:
             raise PartFaultError(
                 PartFault.SEEN_TOO_LITTLE,
-                f"{100 * missing:.1f} % of the surface was to be shown and was not in sight",
+                f"{100 * missing:.1f} % of the planned surface was not in sight",
             )
 
     def _may_show_more(self) -> bool:
@@ -157,8 +157,8 @@ class InspectAction:
         labels = {face.face_id: face.label for face in found.ledger.faces}
         raise PartFaultError(
             PartFault.SEEN_TOO_LITTLE,
-            f"{', '.join(labels[face] for face in short)}: compared too little, to be shown from "
-            "another grasp",
+            f"{', '.join(labels[face] for face in short)}: too little was compared; to be "
+            "inspected again from another grasp",
         )
 
     async def _go_on(self) -> None:

@@ -99,7 +99,7 @@ class PresentAction:
 
 
 async def _look() -> NextMotion:
-    return NextMotion("nothing moves yet: the pictures of this view are taken")
+    return NextMotion("nothing moves yet: the cell takes the pictures of this view")
 
 
 def lamps_for(step: Present) -> tuple[str, ...]:

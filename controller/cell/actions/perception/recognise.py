@@ -47,7 +47,7 @@ class RecogniseAction:
             await self.record.set_custody(Custody.ON_TABLE, "found again")
         s = part.sighting
         assert s is not None
-        beside = f", {len(part.neighbours)} left alone" if part.neighbours else ""
+        beside = f"; {len(part.neighbours)} others are left alone" if part.neighbours else ""
         self.record.show(
             "recognised",
             part_pose=f"{s.part}, pose {s.pose_index}, x {s.x_mm:.1f} y {s.y_mm:.1f} mm, "
@@ -66,9 +66,9 @@ class RecogniseAction:
             PartFault.NOT_SEEN,
             f"{lost.reason}; the camera over the table does not see it: look "
             + (
-                "below the arm's last path, and at the fixed gripper"
+                "below the arm's last path and at the fixed gripper"
                 if part.custody is Custody.LOST
-                else "at what the arm gripper holds"
+                else "in the arm gripper"
             ),
             code=lost.fault.value,
         )

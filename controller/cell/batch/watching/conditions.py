@@ -89,8 +89,8 @@ class MotorSupplyWatcher:
         await self._io.wait_tripped()
         report(
             Event.FAULT,
-            f"the I/O block heard nothing for {self._io.watchdog_s:g} s, so its watchdog took the "
-            "motors' supply away; see what kept this computer, then start again",
+            f"the I/O block received nothing for {self._io.watchdog_s:g} s, so its watchdog "
+            "cut the motors' supply; find out why this computer stalled, then start again",
             "motor_watchdog",
         )
 
@@ -121,8 +121,8 @@ class DiskWatcher:
             await self._clock.sleep(DISK_POLL_S)
         report(
             Event.STOP,
-            f"the disk of {self._folder} has {free / 1e6:.0f} MB left: stopped while that can "
-            "still be recorded. Make room, then start again",
+            f"the disk of {self._folder} has {free / 1000000.0:.0f} MB left: the run was "
+            "stopped while that can still be recorded. Make room, then start again",
             "disk_full",
         )
 

@@ -110,7 +110,7 @@ class ModbusWatcher:
             if was_activated and not status.is_activated:
                 report(
                     Event.FAULT,
-                    "fixed gripper: it has restarted, so it may have let go; see what it holds",
+                    "fixed gripper: it has restarted and may have let go; check what it holds",
                     "position_lost",
                 )
                 return

@@ -107,8 +107,8 @@ async def set_down(
     await bench.motion.follow(path)
     await bench.person.confirm(
         "hold_arm",
-        f"{name}: the motors let go next, and the arm may sink by {ABOVE_MM:.0f} mm. Take hold of "
-        "it above the gripper. Do you hold it?",
+        f"{name}: the motors release next, and the arm may sink by {ABOVE_MM:.0f} mm. Take "
+        "hold of it above the gripper. Do you hold it?",
     )
     await bench.arm.stop(Stop.FREE)
     await bench.person.have_done(Errand("set_down", text, (order,)))
@@ -133,7 +133,7 @@ async def _read_at_rest(bench: Bench, name: str) -> tuple[FloatArray, FloatArray
     apart_mm = float(np.ptp(points, axis=0).max())
     if apart_mm > STILL_MM:
         raise StepFailedError(
-            f"{name}: the finger tips moved by {apart_mm:.1f} mm while they were read; hold them "
-            "still, repeat the step"
+            f"{name}: the finger tips moved by {apart_mm:.1f} mm while they were read; hold "
+            "them still and repeat the step"
         )
     return points[-1], q[-1]

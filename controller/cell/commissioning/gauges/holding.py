@@ -71,8 +71,8 @@ def _where(bench: Bench, held: PlateInJaws) -> tuple[FloatArray, list[FloatArray
         if held.within_reach(q) and limits(ends).all() and held.scene.free(ends, MARGIN_MM).all():
             return q, list(SWINGS)
     raise StepFailedError(
-        "no place was found where the inspection camera sees the plate and the arm may shake it; "
-        "check the camera's pose and the obstacles in the cell file"
+        "no place was found where the inspection camera sees the plate and the arm may "
+        "shake it; check the camera's pose and the obstacles in the cell file"
     )
 
 

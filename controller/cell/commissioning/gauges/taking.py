@@ -104,8 +104,8 @@ async def require_fixed_holds(bench: Bench) -> None:
     found = await bench.devices.gripper.hold()
     if found is not Hold.HELD:
         raise StepFailedError(
-            f"the fixed gripper's own report of the plate is `{found.value}`; clean pads and "
-            "plate, see that the jaws grasp it fully, and repeat the step"
+            f"the fixed gripper reports `{found.value}` with the plate; clean pads and "
+            "plate, check that the jaws grasp it fully, and repeat the step"
         )
 
 
@@ -151,6 +151,7 @@ async def _hand_over(bench: Bench, file: Path, key: str, which: str, seed: int) 
 def _require_between(which: str, opening_mm: float, thickness_mm: float) -> None:
     if abs(opening_mm - thickness_mm) > OFF_MM:
         raise StepFailedError(
-            f"the {which} gripper closed to {opening_mm:.1f} mm, the gauge is {thickness_mm:g} mm "
-            "thick: hold it between the jaws, or give the file of the gauge that is used"
+            f"the {which} gripper closed to {opening_mm:.1f} mm, the gauge is "
+            f"{thickness_mm:g} mm thick: hold it between the jaws, or give the file of the "
+            "gauge in use"
         )

@@ -276,8 +276,8 @@ class Fingers:
         bench.evidence.show(f"{name}: touched at {opening_mm:.2f} mm")
         if opening_mm < self._thickness_mm - MET_MM:
             raise StepFailedError(
-                f"{name}: the arm's jaws closed to {opening_mm:.1f} mm: the plate is gone from the "
-                "fixed gripper, or stands elsewhere; take it out and repeat the step"
+                f"{name}: the arm's jaws closed to {opening_mm:.1f} mm: the plate is no "
+                "longer in the fixed gripper, or has moved; take it out and repeat the step"
             )
         if opening_mm < self._thickness_mm + MET_MM:
             bench.evidence.find(f"{name} left out: both fingers met the plate")

@@ -57,7 +57,7 @@ def turned_joint(arm: ArmModel, q: FloatArray, number: int, by: float) -> FloatA
     RefusedMotionError : there is no such joint
     """
     if not 1 <= number <= JOINT_COUNT:
-        raise RefusedMotionError(f"there is no joint {number}, but 1 to {JOINT_COUNT}")
+        raise RefusedMotionError(f"there is no joint {number}; joints are 1 to {JOINT_COUNT}")
     goal = q.copy()
     goal[number - 1] += by if slides(arm)[number - 1] else radians(by)
     return goal
@@ -129,8 +129,8 @@ def near_by(layout: CellLayout, q_from: FloatArray, T_world_tcp: FloatArray) -> 
         q = q + weights * np.linalg.lstsq(jacobian, off, rcond=_WEAK)[0]
     else:
         raise RefusedMotionError(
-            "no configuration near by brings the TCP there: the arm is at the end of its reach, or "
-            "cannot turn so; move it by its joints"
+            "no nearby configuration brings the TCP there: the arm is at the end of its "
+            "reach, or cannot turn that way; move it by its joints"
         )
     _require_straight(layout, q_from, q)
     return q
@@ -171,7 +171,7 @@ def require_free(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> None:
         return
     raise RefusedMotionError(
         f"the arm would come too near to {_what_is_near(scene, rows)}"
-        + ("; it stands there already: move it away from there" if is_near else "")
+        + ("; it is there already: move it away from there" if is_near else "")
     )
 
 
@@ -204,7 +204,7 @@ def _what_is_near(scene: Scene, rows: FloatArray) -> str:
         found = scene.contacts(rows, margin_mm)
         if (found >= 0).any():
             return scene.names()[int(found[found >= 0][0])]
-    return "something on its way"
+    return "an obstacle on its path"
 
 
 def _twist(T_from: FloatArray, T_to: FloatArray) -> FloatArray:

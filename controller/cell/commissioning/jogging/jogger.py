@@ -221,8 +221,8 @@ class Jogger:
     def _require_homed(self) -> None:
         if not self._bench.arm.is_homed:
             raise RefusedMotionError(
-                "the arm is not homed, so its positions mean nothing: order `home`, or try a motor "
-                "with `motor NAME`"
+                "the arm is not homed, so its positions are invalid: order `home`, or try "
+                "a motor with `motor NAME`"
             )
 
     # ---- the arm ---------------------------------------------------------------------------------
@@ -311,7 +311,7 @@ class Jogger:
         wanted_mm = _opening(opening_mm, bench.arm.max_opening_mm)
         if (await bench.arm.read_jaws()).is_pressing:
             await bench.person.confirm(
-                "open_jaws", "The arm gripper presses: what it holds will fall. Open it?"
+                "open_jaws", "The arm gripper presses: the object it holds will fall. Open it?"
             )
         await bench.move_jaws(
             f"the arm gripper moves to {wanted_mm:.0f} mm",

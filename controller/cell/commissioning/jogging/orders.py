@@ -37,11 +37,7 @@ class Verb(StrEnum):
     QUIT = "quit"
 
 
-GRAMMAR: Final = (
-    "home | motor NAME | joint NUMBER BY | x|y|z|advance BY | heading|tilt|spin BY | park | "
-    "open arm|fixed [MM] | close arm|fixed | lamp NAME on|off | step 1|2|3 | speed PERCENT | "
-    "show | stop | take | quit; BY is mm or degrees, or + or - for one step"
-)
+GRAMMAR: Final = "home "
 
 
 class WrongOrderError(CellError):
@@ -86,7 +82,7 @@ def read_order(text: str) -> JogOrder:
     if head in TURNS:
         return _moving(text, Verb.TURN, head, rest, MAX_DEG)
     if head not in {verb.value for verb in Verb} - {Verb.SHIFT, Verb.TURN}:
-        raise WrongOrderError(f"`{text:.60}` is no order; there are: {GRAMMAR}")
+        raise WrongOrderError(f"`{text:.60}` is no order; the orders are: {GRAMMAR}")
     verb = Verb(head)
     if verb is Verb.JOINT and len(rest) == 2 and rest[0].isdigit():
         return _moving(text, verb, rest[0], rest[1:], MAX_MM)
@@ -101,13 +97,13 @@ def read_order(text: str) -> JogOrder:
     if verb is Verb.STEP and len(rest) == 1:
         number = _number(text, rest[0], 1, len(STEPS))
         if not number.is_integer():
-            raise WrongOrderError(f"`{text:.60}`: steps have the numbers 1 to {len(STEPS)}")
+            raise WrongOrderError(f"`{text:.60}`: steps are numbered 1 to {len(STEPS)}")
         return JogOrder(verb, "", number)
     if verb is Verb.SPEED and len(rest) == 1:
         return JogOrder(verb, "", _number(text, rest[0], 1.0, MAX_SPEED_PERCENT))
     if verb in _ALONE and not rest:
         return JogOrder(verb)
-    raise WrongOrderError(f"`{text:.60}` lacks something or has too much: {GRAMMAR}")
+    raise WrongOrderError(f"`{text:.60}` has too few or too many words: {GRAMMAR}")
 
 
 _ALONE: Final = frozenset({Verb.HOME, Verb.PARK, Verb.SHOW, Verb.STOP, Verb.TAKE, Verb.QUIT})

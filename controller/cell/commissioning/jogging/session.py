@@ -182,7 +182,7 @@ class JogStep:
             raise WrongOrderError("`take` is an order of `cellctl teach`")
         reading = await jogger.read()
         if reading.q is None or reading.T_world_tcp is None:
-            raise RefusedMotionError("the arm is not homed: its position means nothing")
+            raise RefusedMotionError("the arm is not homed: its position is invalid")
         taken = Taken(reading.q, reading.T_world_tcp)
         if why := self._accept(taken):
             raise RefusedMotionError(why)

@@ -126,9 +126,9 @@ async def _give(bench: Bench, thickness_mm: float) -> None:
     opening_mm = found[0].opening_mm
     if not found[0].object_detected or abs(opening_mm - thickness_mm) > OFF_MM:
         raise StepFailedError(
-            f"the fixed gripper closed to {opening_mm:.1f} mm, the plate is {thickness_mm:g} mm "
-            "thick: it does not stand where the cell file has it; repeat the step `grippers`, or "
-            "measure and correct it"
+            f"the fixed gripper closed to {opening_mm:.1f} mm, the plate is "
+            f"{thickness_mm:g} mm thick: the gripper is not at its pose in the cell file; "
+            "repeat the step `grippers`, or measure and correct it"
         )
     bench.handed.custody = Custody.IN_BOTH
     await bench.move_jaws(
@@ -174,8 +174,10 @@ async def _line(bench: Bench, held: PlateInJaws) -> JointPath:
     raise StepFailedError(
         fallen[0]
         if fallen
-        else "bringing the plate to the fixed gripper: the arm does not get there free of contact; "
-        "check where the fixed gripper stands"
+        else (
+            "bringing the plate to the fixed gripper: no path there is free of contact; check "
+            "the pose of the fixed gripper"
+        )
     )
 
 

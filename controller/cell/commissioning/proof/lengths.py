@@ -113,7 +113,7 @@ def _lengths(
         raise StepFailedError("the plate needs a ChArUco board on each face")
     side = board.square_mm * (np.array(board.squares, dtype=float) - 2.0)  # of its inner corners
     if (spread < _SPREAD_MIN * side).any():
-        raise StepFailedError(f"{picture.name}: too little of the print is seen to measure it")
+        raise StepFailedError(f"{picture.name}: too little of the print is in sight to measure it")
     # an affine fit: the scale along either axis, whatever shift and turn the arm's errors leave
     by = np.column_stack([known - known.mean(axis=0), np.ones(len(known))])
     axes = np.linalg.lstsq(by, on_print, rcond=None)[0][:2]

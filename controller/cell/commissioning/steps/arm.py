@@ -96,7 +96,7 @@ class ArmStep:
     """Both cameras, the arm's base, lengths, zeros, coupling and sag, in one fit."""
 
     name = "arm"
-    title = "where arm and cameras stand, and how the arm differs from its counters"
+    title = "poses of arm and cameras, and errors of the arm's counters"
     needs: tuple[str, ...] = ("devices", "light")
     uses: tuple[CalibrationName, ...] = ("lamps",)
     makes: tuple[CalibrationName, ...] = ("overhead", "inspection", "arm")
@@ -140,7 +140,7 @@ class ArmStep:
             raise StepFailedError(str(error)) from error
         fit, play = proven.fit, proven.play
         for fault in proven.left_out:
-            bench.evidence.find(f"left out, and all others agree: {fault.message}")
+            bench.evidence.find(f"left out, because all others agree without it: {fault.message}")
         for fault in proven.faults:
             bench.evidence.find(f"{fault.kind.replace('_', ' ')}: {fault.message}")
         if proven.faults:
@@ -261,7 +261,7 @@ async def _in_the_jaws(
     bench: Bench, prior: CellPrior, held: PlateInJaws, lying: Sequence[BoardPicture]
 ) -> tuple[list[BoardPicture], list[StopPicture]]:
     """Return pictures with every motor from below, and stops that were gone to from both sides."""
-    bench.evidence.show("working out where to show the plate")
+    bench.evidence.show("computing where to show the plate")
     chosen = _configurations(bench, prior, held, lying)
     pictures: list[BoardPicture] = []
     stops: list[StopPicture] = []
@@ -286,8 +286,8 @@ async def _in_the_jaws(
                 stops += [StopPicture(below, name), StopPicture(above, name, MOTORS)]
     if len(pictures) < PICTURES // 2:
         raise StepFailedError(
-            f"the plate was found in {len(pictures)} of {len(chosen)} pictures, half of them are "
-            "required; see which were left out, and why"
+            f"the plate was found in {len(pictures)} of {len(chosen)} pictures, half of "
+            "them are required; see which were left out, and why"
         )
     return pictures, stops
 
@@ -345,7 +345,9 @@ def _calibrations(
     u_all = {}
     for name in CAMERAS:
         u_mm = rms(aim_uncertainty_mm(fit, name, where[name]).tolist())
-        evidence.measure(f"{name}: camera against arm, where parts are", u_mm, "mm", high=MAX_U_MM)
+        evidence.measure(
+            (f"{name}: camera against arm, over the drop area"), u_mm, "mm", high=MAX_U_MM
+        )
         found[name] = _camera(bench, fit, name, u_mm, residual)
         u_all[name] = u_mm
     rows = np.concatenate([*where.values()])

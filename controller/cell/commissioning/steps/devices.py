@@ -54,7 +54,7 @@ class DevicesStep:
     """Identity, latency, frames, clocks, and one small motion of everything that moves."""
 
     name = "devices"
-    title = "who answers, how fast; then each verb by its smallest safe motion"
+    title = "identity and reply time of each device; then the smallest safe motion of each verb"
     needs: tuple[str, ...] = ()
     uses: tuple[CalibrationName, ...] = ()
     makes: tuple[CalibrationName, ...] = ()
@@ -158,7 +158,7 @@ async def _watch_frames(bench: Bench, name: CameraName) -> None:
             bench.evidence.measure(f"{name}: frames {what}", count, high=0)
     stamps = [frame.timestamp_s for frame in frames if isinstance(frame, TimedFrame)]
     if len(stamps) < FRAME_COUNT:
-        bench.evidence.find(f"{name}: this camera does not date its frames")
+        bench.evidence.find(f"{name}: the frames of this camera have no time stamps")
         return
     steps = np.diff(stamps)
     fps = getattr(bench.cell.cameras, name).fps
@@ -183,8 +183,9 @@ async def _frames_in_a_row(bench: Bench, camera: Camera) -> list[Frame]:
             late_s = frame.timestamp_s - bench.clock.now_s()
             if late_s > 0:
                 raise StepFailedError(
-                    f"a frame is dated {late_s:.3f} s ahead of the cell's clock: its stamps mean "
-                    "nothing; check the camera's time stamps (margin_s in the cell file)"
+                    f"a frame is dated {late_s:.3f} s ahead of the cell's clock: its stamps "
+                    "are invalid; check the camera's time stamps (margin_s in the cell "
+                    "file)"
                 )
             after_s = frame.timestamp_s
         frames.append(frame)
@@ -196,7 +197,7 @@ async def _try_motors(bench: Bench) -> None:
     # the driver itself: a proxy that counts verbs has their names, but is no such arm
     arm = bench.devices.arm
     if not isinstance(arm, FirstContact):
-        await bench.permit_motion("The arm will home; it has no motion that is smaller.")
+        await bench.permit_motion("The arm will home, which is its smallest motion.")
         return
     registers = await arm.read_registers()
     for motor, values in registers.items():
@@ -214,7 +215,7 @@ async def _try_motors(bench: Bench) -> None:
         if abs(tried.went_counts) < TRY_COUNTS:
             # the wrist's joints share their motors, and both may lean on a stop
             bench.evidence.find(
-                f"{motor}: a stop is in its way to both sides; homing has to show that it moves"
+                f"{motor}: a stop blocks it on both sides; homing has to show that it moves"
             )
             continue
         for name, value, wanted in (
@@ -235,14 +236,14 @@ async def _prove_watchdog(bench: Bench) -> None:
     io, arm = bench.devices.io, bench.devices.arm
     if not isinstance(io, MotorWatchdog) or io.watchdog_s is None:
         bench.evidence.find(
-            "no watchdog is in the motors' supply: a computer that freezes does not stop the arm "
-            "(`motor_relay` of the I/O block's settings)"
+            "no watchdog is in the motors' supply: if the computer freezes, the arm is not "
+            "stopped (`motor_relay` of the I/O block's settings)"
         )
         return
     await bench.person.confirm(
         "watchdog",
-        "The motors lose their supply next: the I/O block hears nothing until its watchdog opens "
-        "the relay in it. Ready?",
+        "The motors lose their supply next: the I/O block receives nothing until its "
+        "watchdog opens the relay in the supply. Ready?",
     )
     silence = asyncio.create_task(io.fall_silent())
     try:
@@ -270,7 +271,7 @@ async def _prove_watchdog(bench: Bench) -> None:
                     "and wires of the relay's contact"
                 )
             await bench.clock.sleep(SUPPLY_POLL_S)
-    bench.evidence.find("the watchdog took the motors' supply away; its relay gave it back")
+    bench.evidence.find("the watchdog cut the motors' supply; its relay restored it")
 
 
 async def _supply_went_s(bench: Bench, silence: asyncio.Task[bool]) -> float | None:
@@ -284,7 +285,7 @@ async def _supply_went_s(bench: Bench, silence: asyncio.Task[bool]) -> float | N
     if not isinstance(arm, SupplySense):
         return None
     if not await arm.read_motor_supply():
-        raise StepFailedError("the motors have no supply before the watchdog is tried")
+        raise StepFailedError("the motors have no supply before the watchdog test")
     begun_s = bench.clock.now_s()
     while not silence.done():
         if not await arm.read_motor_supply():
@@ -293,8 +294,8 @@ async def _supply_went_s(bench: Bench, silence: asyncio.Task[bool]) -> float | N
     if not await silence:
         return None  # it has not tripped, which is said before anything else
     raise StepFailedError(
-        "the I/O block's watchdog has tripped, and the motors still have their supply: wire the "
-        "relay's contact into it, in series with the emergency stop's"
+        "the I/O block's watchdog has tripped, and the motors still have their supply: "
+        "wire the relay's contact into the supply, in series with the emergency stop's"
     )
 
 
@@ -311,7 +312,7 @@ async def _try_in_vain(bench: Bench) -> str:
         await bench.person.confirm(
             "arm_is_limp", "Push the arm by hand: does it yield, as it does without motor power?"
         )
-        return "the arm yields to a hand"
+        return "the arm yields to a push by hand"
     motor = arm.motors[0]
     async with bench.moving(f"the motor {motor} is ordered to move, in vain", is_arm=True):
         try:
@@ -357,8 +358,8 @@ async def _require_there(bench: Bench, goal: FloatArray, what: str) -> None:
     off = np.abs(await bench.arm.read_q() - goal) / (ARRIVED_SHARE * _ranges(bench))
     if off.max() > 1:
         raise StepFailedError(
-            f"{what}: joint {int(off.argmax()) + 1} reads {off.max():.1f} times as far from where "
-            "it was sent as is allowed; check its motor's scale and sign"
+            f"{what}: joint {int(off.argmax()) + 1} is {off.max():.1f} times the allowed "
+            "distance from its target; check its motor's scale and sign"
         )
 
 

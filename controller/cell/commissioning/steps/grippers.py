@@ -85,7 +85,7 @@ class GrippersStep:
     """Openings of both grippers, their hold, and the pose of the fixed one."""
 
     name = "grippers"
-    title = "how wide both grippers are, whether they hold, and where the fixed one stands"
+    title = "openings and holds of both grippers, and the pose of the fixed one"
     needs: tuple[str, ...] = ("arm",)
     uses: tuple[CalibrationName, ...] = ("overhead", "inspection", "arm", "lamps")
     makes: tuple[CalibrationName, ...] = ("fixed_gripper",)
@@ -166,7 +166,7 @@ async def _fixed_openings(bench: Bench, gauges: Sequence[_Gauge]) -> Openings:
 
 def _measure(bench: Bench, which: str, found: Openings) -> None:
     bench.evidence.measure(
-        f"{which}: opening where it reads 0", found.zero_mm, "mm", low=-ZERO_MM, high=ZERO_MM
+        f"{which}: true opening at reading 0", found.zero_mm, "mm", low=-ZERO_MM, high=ZERO_MM
     )
     bench.evidence.measure(
         f"{which}: scale of its opening", found.scale, low=1 - SCALE, high=1 + SCALE
@@ -186,9 +186,9 @@ async def _touched(
     ways = columns(bench.layout, scene, end_mm)
     if len(ways) < COLUMNS_MIN:
         raise StepFailedError(
-            f"the arm gets to the plate in the fixed gripper along {len(ways)} free paths, "
-            f"{COLUMNS_MIN} are required; clear the space before the fixed gripper, or check its "
-            "pose and the obstacles in the cell file"
+            f"the arm reaches the plate in the fixed gripper along {len(ways)} free paths, "
+            f"{COLUMNS_MIN} are required; clear the space before the fixed gripper, or "
+            "check its pose and the obstacles in the cell file"
         )
     await take_in_fixed(bench, board, plate.file, 6, PLATE_FORCE_N)
     try:
@@ -225,9 +225,9 @@ async def _touches(
     first = next((one for one in found if one.name == "touch 1.1"), None)
     if again is None or first is None or len(found) < TOUCHES_MIN:
         raise StepFailedError(
-            f"{len(found)} touches of one finger alone, {TOUCHES_MIN} are required: the fixed "
-            "gripper stands farther from where its file has it than the arm allows for; measure "
-            "its pose anew and enter it in the cell file"
+            f"{len(found)} touches of one finger alone, {TOUCHES_MIN} are required: the "
+            "fixed gripper is farther from its pose in the cell file than the arm allows "
+            "for; measure its pose anew and enter it in the cell file"
         )
     return found, (again.opening_mm - first.opening_mm) / 2.0
 
@@ -254,7 +254,7 @@ def _calibration(
 ) -> FixedGripperCalibration:
     evidence = bench.evidence
     d = np.linalg.inv(bench.layout.T_world_fixed_tcp) @ fit.T_world_tcp
-    evidence.measure("jaws' plane, from where the file has it", float(d[1, 3]), "mm")
+    evidence.measure("jaws' plane, offset from the file", float(d[1, 3]), "mm")
     turned = degrees(float(np.arccos(np.clip(d[1, 1], -1.0, 1.0))))
     evidence.measure("tilt of the jaws' plane against the file", turned, "deg")
     evidence.measure("touches, from the faces of the plate", fit.rms_mm, "mm", high=MAX_RMS_MM)
@@ -270,8 +270,8 @@ def _calibration(
         high=MAX_AGAIN_MM,
     )
     evidence.find(
-        f"of the fixed gripper's pose the touches show {', '.join(fit.observed)}; "
-        f"{', '.join(fit.held)} are held as the file has them"
+        f"the touches determine {', '.join(fit.observed)} of the fixed gripper's pose; "
+        f"{', '.join(fit.held)} are kept from the file"
     )
     return FixedGripperCalibration(
         **bench.header(residual=Residual(value=round(fit.rms_mm, 4), unit="mm", limit=MAX_RMS_MM)),

@@ -60,7 +60,7 @@ class LightStep:
     """Channel map, levels, times until steady and evenness of all lamps."""
 
     name = "light"
-    title = "each lamp switched alone and looked at by both cameras"
+    title = "each lamp switched alone and viewed by both cameras"
     needs: tuple[str, ...] = ("devices",)
     uses: tuple[CalibrationName, ...] = ()
     makes: tuple[CalibrationName, ...] = ("lamps",)
@@ -158,10 +158,10 @@ def _channels(
         seen[lamp] = seen_pattern([by_camera[camera] for camera in CAMERAS], unlit)
         if seen[lamp].max() < MIN_LIGHT:
             raise StepFailedError(
-                f"{lamp}: switched on, it gives {seen[lamp].max():.1f} grey levels in either "
-                f"picture, {MIN_LIGHT:g} at least are required: check its supply and wires, and "
-                f"whether output {cell.lamps[lamp].analog} and relay {cell.lamps[lamp].relay} "
-                "belong to the same lamp"
+                f"{lamp}: switched on, it gives {seen[lamp].max():.1f} grey levels in "
+                f"either picture, {MIN_LIGHT:g} at least are required: check its supply and "
+                f"wires, and that output {cell.lamps[lamp].analog} and relay "
+                f"{cell.lamps[lamp].relay} belong to the same lamp"
             )
     found = assign(seen, expected)
     for one in found:
@@ -174,9 +174,10 @@ def _channels(
         if one.lit != one.switched:
             wired = cell.lamps[one.switched]
             bench.evidence.find(
-                f"swapped channels: output {wired.analog} and relay {wired.relay}, which the cell "
-                f"file gives {one.switched}, switch {one.lit} (agreement {one.agreement:.2f}, with "
-                f"{one.switched} {one.own_agreement:.2f}); the calibration has them right"
+                f"swapped channels: output {wired.analog} and relay {wired.relay}, assigned "
+                f"to {one.switched} in the cell file, switch {one.lit} (agreement "
+                f"{one.agreement:.2f}, with {one.switched} {one.own_agreement:.2f}); the "
+                "calibration has them right"
             )
     return found
 
@@ -232,7 +233,7 @@ async def _measure(
     settle_s = await _time_steady(bench, one.switched, camera, unlit, drive)
     if settle_s is not None:
         bench.evidence.measure(
-            f"{lamp}: steady after it was switched on", settle_s, "s", high=MAX_SETTLE_S
+            f"{lamp}: settling time after it was switched on", settle_s, "s", high=MAX_SETTLE_S
         )
     channels = cell.lamps[one.switched]
     return LampCalibration(
@@ -300,7 +301,9 @@ async def _time_steady(
             while after_s < lit_s + WATCH_S:
                 frame = await device.frame_after(after_s)
                 if not isinstance(frame, TimedFrame):
-                    bench.evidence.find(f"{camera}: does not date its frames: {lamp} is not timed")
+                    bench.evidence.find(
+                        f"{camera}: its frames have no time stamps: {lamp} is not timed"
+                    )
                     return None
                 delays.append(frame.earliest_light_s - lit_s)
                 light.append(frame.image.mean() * 255.0 / frame.white - dark_level)

@@ -30,7 +30,7 @@ class ReachStep:
     """Checks that the calibrated arm reaches the places of the cell and the poses of recipes."""
 
     name = "reach"
-    title = "whether the calibrated arm gets to all that the recipes need; nothing moves"
+    title = "reach of the calibrated arm for all recipes; nothing moves"
     needs: tuple[str, ...] = ("grippers", "trays")
     uses: tuple[CalibrationName, ...] = ("overhead", "inspection", "arm", "fixed_gripper", "trays")
     makes: tuple[CalibrationName, ...] = ()
@@ -48,13 +48,13 @@ class ReachStep:
         places = common_places(bench)
         missed = await asyncio.to_thread(unreached, layout, scene, places, layout.clearance_mm)
         for one in missed:
-            bench.evidence.find(f"not reached: {one.name}: {one.why}")
+            bench.evidence.find(f"out of reach: {one.name}: {one.why}")
         bench.evidence.measure(
-            f"places not reached, of {len(places)} over drop area and trays", len(missed), high=0
+            f"places out of reach, of {len(places)} over drop area and trays", len(missed), high=0
         )
         if not bench.recipes:
             bench.evidence.find(
-                "no recipe: none was given (--recipe FILE) and none lies beside the cell file"
+                "no recipe: none was given (--recipe FILE), and there is none beside the cell file"
             )
             return {}
         cell_file = bench.evidence.folder.parent.parent / "cell.yaml"
@@ -95,11 +95,16 @@ def judge(bench: Bench, recipe: Path, found: RecipeReach) -> None:
     for problem in found.problems:
         bench.evidence.find(f"{recipe.name}: {problem}")
     measure = bench.evidence.measure
-    measure(f"{recipe.name}: reasons why it cannot be run", len(found.problems), high=0)
+    measure(f"{recipe.name}: reasons against a run", len(found.problems), high=0)
     for pose in found.poses:
         name = f"{recipe.name}, stable pose {pose.index} ({pose.probability:.0%})"
         share = 100.0 * pose.pickable
-        measure(f"{name}: places it can be taken from", share, "%", low=100.0 * MIN_PICKABLE)
+        measure(
+            (f"{name}: share of places from which it can be taken"),
+            share,
+            "%",
+            low=100.0 * MIN_PICKABLE,
+        )
         if pose.covered is not None:
             wanted = 100.0 * found.wanted
             measure(f"{name}: surface in sight", 100.0 * pose.covered, "%", low=wanted)

@@ -47,7 +47,7 @@ class TraysStep:
     """The trays' middles, the table plane, and whether the obstacles were looked over."""
 
     name = "trays"
-    title = "where trays and table are, touched by the arm; what else stands in its reach"
+    title = "positions of trays and table, touched by the arm; obstacles in its reach"
     needs: tuple[str, ...] = ("arm",)
     uses: tuple[CalibrationName, ...] = ("arm",)
     makes: tuple[CalibrationName, ...] = ("trays",)
@@ -64,8 +64,8 @@ class TraysStep:
         """
         await _look_over_obstacles(bench)
         await bench.permit_motion(
-            "The arm homes, then goes above the corners of the trays and above the table; there "
-            "its motors let go, and somebody sets the finger tips down."
+            "The arm homes, then goes above the corners of the trays and above the table; "
+            "there its motors release, and somebody lowers the finger tips."
         )
         await bench.home_and_park()
         await close_the_fingers(bench)
@@ -80,7 +80,7 @@ class TraysStep:
             own_mm = toucher.uncertainty_mm(len(touches))
             measure = bench.evidence.measure
             measure(
-                f"tray {name}: from its place in the cell file", off_mm, "mm", uncertainty=own_mm
+                f"tray {name}: from its position in the cell file", off_mm, "mm", uncertainty=own_mm
             )
             measure(
                 f"tray {name}: its corners from its size", fit.off_mm, "mm", high=MAX_APART_MM / 2
@@ -97,7 +97,7 @@ class TraysStep:
             u_mm, apart_mm = max(u_mm, own_mm), max(apart_mm, fit.off_mm)
         plane = fit_plane(await toucher.table())
         bench.evidence.measure(
-            "table: its height where parts are",
+            "table: its height in the drop area",
             plane.height_mm,
             "mm",
             low=-MAX_TABLE_MM,
@@ -135,19 +135,22 @@ async def _look_over_obstacles(bench: Bench) -> None:
     """
     listed = obstacle_words(bench.cell)
     choices = (
-        Choice("drawn", "each stands as drawn to the eye, nothing else does; none was measured"),
-        Choice("measured", "each was measured in this cell, nothing else stands there"),
+        Choice(
+            "drawn",
+            ("each stands as drawn by eye, and nothing else stands there; none was measured"),
+        ),
+        Choice("measured", "each was measured in this cell, and nothing else stands there"),
         Choice(STOP, "end this step, correct the cell file"),
     )
     key = await bench.person.choose(
         "obstacles",
-        "Paths are proven free of what the cell file lists, and of nothing else. Compare it with "
-        f"the cell: {'; '.join(listed)}. How do you know where they are?",
+        "Paths are proven free only of the obstacles in the cell file. Compare it with the "
+        f"cell: {'; '.join(listed)}. How are their positions known?",
         choices,
     )
     if key == STOP:
-        raise DeclinedError("ended by a person: the cell file does not list what stands there")
-    how = "measured in this cell" if key == "measured" else "as drawn, looked over by a person"
+        raise DeclinedError("ended by a person: the cell file does not list all obstacles")
+    how = "measured in this cell" if key == "measured" else "as drawn, checked by eye"
     bench.evidence.find(f"{len(listed)} obstacles, {how}: {'; '.join(listed)}")
 
 
@@ -198,12 +201,12 @@ class _Toucher:
         if not touches:
             x_mm, y_mm = tray.centre_mm
             raise StepFailedError(
-                f"tray {name}: the arm gets to none of its corners with its fingers down (its "
-                f"middle is at x {x_mm:.0f} y {y_mm:.0f} mm by the cell file); move the tray, and "
-                "correct the cell file"
+                f"tray {name}: the arm reaches none of its corners with its fingers down "
+                f"(its middle is at x {x_mm:.0f} y {y_mm:.0f} mm by the cell file); move "
+                "the tray, and correct the cell file"
             )
         if len(touches) == 1:
-            self._bench.evidence.find(f"tray {name}: the arm gets to one corner only")
+            self._bench.evidence.find(f"tray {name}: the arm reaches only one corner")
         return touches
 
     async def _corner(
@@ -230,9 +233,9 @@ class _Toucher:
         off_mm = float(np.linalg.norm(at_mm[:2] - place[:2]))
         if off_mm > MAX_OFF_MM:
             raise StepFailedError(
-                f"tray {name}: its corner was touched {off_mm:.0f} mm from where the cell file "
-                f"has it, {MAX_OFF_MM:.0f} are allowed: it was another corner, or the tray is "
-                "not where it is drawn; set it there or correct the cell file"
+                f"tray {name}: its corner was touched {off_mm:.0f} mm from its position in "
+                f"the cell file, {MAX_OFF_MM:.0f} are allowed: it was another corner, or "
+                "the tray stands elsewhere; move it there or correct the cell file"
             )
         return CornerTouch(corner, at_mm)
 
@@ -247,13 +250,13 @@ class _Toucher:
                 place = np.array([x_mm, y_mm, 0.0])
                 at_mm = await self._touch(name, place, text, {}, is_folded=True)
                 if at_mm is None:
-                    self._bench.evidence.find(f"{name}: the arm does not get there, left out")
+                    self._bench.evidence.find(f"{name}: out of the arm's reach, left out")
                     continue
                 found.append(at_mm)
         if len(found) < 3:
             raise StepFailedError(
-                f"the arm gets to {len(found)} places of the drop area with its fingers down, "
-                "three are required; check where the arm stands"
+                f"the arm reaches {len(found)} places of the drop area with its fingers "
+                "down, three are required; check the pose of the arm"
             )
         return np.array(found)
 

@@ -56,7 +56,7 @@ class VerifyStep:
     """Checks the calibrated cell's predictions of camera pictures and of a hand-off."""
 
     name = "verify"
-    title = "the calibrated cell predicts where a plate is, and both cameras check it"
+    title = "predicted poses of a plate in the calibrated cell, checked by both cameras"
     needs: tuple[str, ...] = ("arm", "grippers", "trays")
     uses: tuple[CalibrationName, ...] = (
         "overhead",
@@ -113,8 +113,8 @@ class VerifyStep:
         judge("hand-off direction", np.array([handed.deg]), "deg", limit_deg)
         if not is_measured:
             bench.evidence.find(
-                "the fixed gripper stands as drawn: nothing measured it, and hand-offs are held to "
-                "what a tape measure leaves"
+                "the fixed gripper stands as drawn: nothing measured it, and hand-offs are "
+                "held to the accuracy of a tape measure"
             )
         T_tcp_body = mean_hold(holds_of(bench, plate, pictures))
         study = length_study(bench.layout, plate, pictures, T_tcp_body)
