@@ -58,12 +58,12 @@ class FaultStep(Section):
 def _in_order(steps: tuple[FaultStep, ...]) -> tuple[FaultStep, ...]:
     """Return the list; raise ValueError unless its last action, and it alone, ends the matter."""
     if not steps or steps[-1].do not in ENDS:
-        raise ValueError(f"the last action must end the matter: {', '.join(ENDS)}")
+        raise ValueError(f"the last action must end the list: {', '.join(ENDS)}")
     for step in steps[:-1]:
         if step.do in ENDS:
-            raise ValueError(f"`{step.do}` ends the matter; nothing can follow it")
+            raise ValueError(f"`{step.do}` ends the list; nothing can follow it")
     if steps[-1].times != 1:
-        raise ValueError(f"`{steps[-1].do}` ends the matter; it has no `times`")
+        raise ValueError(f"`{steps[-1].do}` ends the list; it has no `times`")
     return steps
 
 
@@ -120,7 +120,7 @@ class FaultsSection(Section):
                 if step.do not in possible:
                     raise WrongKeyError(
                         (name, number, "do"),
-                        f"`{step.do}` cannot be done about {name}; possible: {', '.join(possible)}",
+                        f"`{step.do}` is no action for {name}; possible: {', '.join(possible)}",
                     )
         if self.demote_after > self.window:
             raise WrongKeyError(

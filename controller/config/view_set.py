@@ -236,7 +236,7 @@ class ViewSetFile(Section):
             first = ids.setdefault(view.id, i)
             if first != i:
                 raise WrongKeyError(
-                    ("views", i, "id"), f"is {view.id!r}, as that of `views.{first}`"
+                    ("views", i, "id"), f"is {view.id!r}, which is also the id of `views.{first}`"
                 )
             unknown = [name for name in view.pictures if name not in self.lamps]
             if unknown:

@@ -97,7 +97,7 @@ class Section(BaseModel):
     def _true_is_no_number(cls, value: object, info: ValidationInfo) -> object:
         field = cls.model_fields[info.field_name or ""]
         if isinstance(value, bool) and field.annotation is not bool:
-            raise ValueError("true and false mean nothing here")  # pydantic would read 1 and 0
+            raise ValueError("true and false are not allowed here")  # pydantic would read 1 and 0
         return value
 
 

@@ -211,7 +211,7 @@ def test_a_step_whose_needs_are_not_done_is_refused(tmp_path: Path) -> None:
         standings = one.order.standings(datetime.now(UTC))
         with pytest.raises(ConfigError, match="it needs `devices`, which is not done"):
             due(standings, "light")
-        with pytest.raises(ConfigError, match="there are devices, light"):
+        with pytest.raises(ConfigError, match="the steps are devices, light"):
             due(standings, "lamp")
 
     play(tmp_path, Story, story)

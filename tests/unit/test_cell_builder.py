@@ -150,5 +150,5 @@ def test_devices_on_one_line_say_the_same_of_it(differing: dict[str, str], tmp_p
     "keys", ["transport: tcp, echo: true", "transport: rtu, returns_ids: false"]
 )
 def test_what_a_transport_has_not_is_refused(keys: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"`echo` is of rtu|`returns_ids` is of Modbus TCP"):
+    with pytest.raises(ConfigError, match=r"`echo` is for rtu|`returns_ids` is for Modbus TCP"):
         cell_with(tmp_path, gripper="{address: '10.0.0.1:502', " + keys + "}")

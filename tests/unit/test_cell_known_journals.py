@@ -174,7 +174,7 @@ def test_notes_that_cannot_be_listed_bar_a_start(tmp_path: Path, state: Path) ->
     run(tmp_path / "a", "first", began(), "in_arm")
     shutil.rmtree(state / "cellctl" / "journals")
     (state / "cellctl" / "journals").write_text("a file in the place of the folder")
-    with pytest.raises(JournalError, match="which journals know of this cell"):
+    with pytest.raises(JournalError, match="lists the journals of this cell"):
         run(tmp_path / "a", "second", began())
 
 

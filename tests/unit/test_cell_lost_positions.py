@@ -176,7 +176,7 @@ def test_elsewhere_a_person_has_to_look(where: Custody) -> None:
 def test_homing_that_was_cut_off_is_not_begun_again() -> None:
     begun = rows.HomingBegun(low=HOME, high=VIEW, opening_mm=HELD_MM)
     found = proposed((*ARRIVED, begun))
-    assert "homing with the part was cut off" in found.person
+    assert "homing with the part was interrupted" in found.person
     ended = rows.HomedWithPart(q=HOME, opening_mm=HELD_MM)
     left = left_by((*ARRIVED, begun, ended, rows.StoodFree(q=HOME)))
     assert left.is_homed

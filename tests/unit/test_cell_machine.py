@@ -198,21 +198,21 @@ def why_ignored(state: str, event: str) -> str:
     if event in PAUSE_NAMES and mode == "suspended":
         return "already paused"
     if event == "guard_opened" and (mode == "suspended" or not mode):
-        return "nothing moves: what comes next waits until it is closed"
+        return "nothing moves: the next motion waits until the door is closed"
     if event == "resume" and mode == "execute":
         return "nothing is paused"
     if event == "step" and mode == "suspending":
         return "already pausing after this step or sooner"
     if event in ("resume", "step") and mode == "unsuspending":
-        return "already going on"
+        return "already resumed"
     if event in ("look_again", "step_begun") and state == "unsuspending_resetting":
         return ""  # nothing was looked at yet, and homing is no step
     if event in ("paused", "resumed", "step_begun", "not_proven", "look_again") and mode:
         return "this pause is over"
     if event == "reset_done" and work == "resetting":
-        return "homing has ended in a pause: what follows waits for its end"
+        return "homing has ended in a pause: the next step waits until the pause ends"
     if event == "part_dropped" and mode and joined("execute", work) in LOOKED_FOR:
-        return "nobody holds the part: it is being looked for already"
+        return "no gripper holds the part: the cell is looking for it already"
     if event not in SENT and state in AFTER_THE_END:
         return "outcome of a task that was stopped"
     return ""
@@ -226,7 +226,7 @@ def why_refused(state: str, event: str) -> str:
     if event == "acknowledge":
         return "nothing is waiting for an acknowledgement"
     if event == "resume" and mode == "suspending":
-        return "the cell is still coming to its pause: resume once it stands"
+        return "the pause has not begun yet: resume once the cell stands still"
     if event in ("resume", "step") and state in NOTHING_MOVES - {"complete"}:
         return "a stop ends the run, and so does a fault: nothing is paused. Start again"
     if event in ("resume", "step") and state in ("holding", "held"):
@@ -308,7 +308,7 @@ def check_pair(machine: CellMachine, event: Event) -> None:
         assert decision.reason == refused
         return
     possible = ", ".join(sorted(e.value for s, e in HANDLED if s == state))
-    assert decision.reason == f"`{event.value}` means nothing in {state}; possible: {possible}"
+    assert decision.reason == f"`{event.value}` is not possible in {state}; possible: {possible}"
 
 
 def test_the_listing_by_hand_names_every_state() -> None:

@@ -118,7 +118,7 @@ def test_parts_that_no_gripper_gets_at_are_named_with_their_places() -> None:
     with pytest.raises(PartProblemError, match="plate at x 12, y -7 mm, touching another") as e:
         choose(seen(touching_count=1), seen("block", touching_count=1, x_mm=40.0), counts=(0, 0))
     assert e.value.code == "many_parts"
-    assert "no gripper gets at plate between them" in str(e.value)
+    assert "no gripper reaches plate between them" in str(e.value)
 
 
 def test_of_several_objects_none_of_which_is_the_recipes_all_are_named() -> None:
@@ -201,7 +201,9 @@ def test_what_is_sure_is_read_as_what_it_is(one: Sighting) -> None:
 
 
 def test_a_part_partly_outside_the_backlit_area_is_not_grasped() -> None:
-    with pytest.raises(PartProblemError, match="74 % of its outline is seen; move it inwards") as e:
+    with pytest.raises(
+        PartProblemError, match="74 % of its outline is visible; move it inwards"
+    ) as e:
         choose(seen(is_cut=True, free_share=0.74))
     assert e.value.code == "part_cut_off"
 
@@ -297,7 +299,7 @@ def test_further_parts_of_a_recipe_that_has_enough_are_left_alone() -> None:
     assert batch.record.done == {"the plate": (1, 1), "the block": (0, 2)}
     assert batch.take(PLATE, BLOCK) is BLOCK
     batch.done()
-    with pytest.raises(PartProblemError, match="enough of them are done") as e:
+    with pytest.raises(PartProblemError, match="enough of those are done") as e:
         batch.take(PLATE)
     assert e.value.code == "wrong_part"
 
@@ -344,7 +346,7 @@ def test_a_part_that_was_left_is_tried_again_once_what_was_beside_it_is_gone() -
     batch.leave()
     batch.done()
     batch.how["block"] = (0, 90.0)
-    with pytest.raises(PartProblemError, match="no gripper gets at"):
+    with pytest.raises(PartProblemError, match="no gripper reaches"):
         batch.take(PLATE, BLOCK)
 
 
@@ -442,7 +444,7 @@ def test_a_number_that_was_read_is_that_of_the_only_part_of_the_batch() -> None:
 def test_a_listed_number_that_was_read_must_be_on_a_part_of_its_recipe() -> None:
     batch = Batch(LabelOrder(listed=LISTED, is_read=True))
     batch.record.part.scanned = "B1"
-    with pytest.raises(PartProblemError, match="lay block there") as e:
+    with pytest.raises(PartProblemError, match="put block there") as e:
         batch.take(PLATE)
     assert e.value.code == "wrong_part"
 

@@ -740,4 +740,4 @@ async def test_nothing_moves_stepwise_where_nobody_is_there(stepwise: Stepwise) 
     assert stepwise.arm.orders == []
     assert stepwise.running is not None
     outcome = await stepwise.running
-    assert "nobody is there to let each motion begin" in outcome.message
+    assert "nobody is there to permit each motion" in outcome.message

@@ -46,7 +46,9 @@ def checked(*shares: tuple[float, bool]) -> Checked:
 
 def test_a_part_that_mostly_lands_as_no_plan_can_serve_it_is_not_ready() -> None:
     (sentence,) = recipe_check._unserved(checked((0.9, False), (0.08, True)))
-    assert sentence.startswith("8% of landings are served; feed the part so that it lies in pose 1")
+    assert sentence.startswith(
+        "8% of dropped parts rest in a pose with a plan; feed the part so that it rests in pose 1"
+    )
     assert recipe_check._unserved(checked((0.4, False), (0.6, True))) == []
 
 
@@ -56,7 +58,7 @@ def test_a_pose_without_a_plan_has_a_reason_and_a_rare_one_is_named() -> None:
     (landing,) = recipe_check._landings(later)
     assert (landing.outcome, landing.words) == (
         "planned when met",
-        "rare; planned when a part lies so",
+        "rare; planned when a part rests that way",
     )
 
 
@@ -85,7 +87,7 @@ def test_a_pin_that_rolls_in_most_landings_is_named_with_its_share_and_not_ready
     said = capsys.readouterr()
     assert re.search(r"^pose 0 \(\d\d%\): rolls all round on a \w+ of \d+ strips; ", said.out, re.M)
     assert re.search(r"pin.yaml: not ready \(\d+% of landings served\)$", said.out, re.M)
-    assert "of landings are served; feed the part so" in said.err
+    assert "of dropped parts rest in a pose with a plan; feed the part so" in said.err
     assert main(["check", "--json", str(recipe)]) == 1
     body = json.loads(capsys.readouterr().out)
     assert sum(one["probability"] for one in body["landings"]) == pytest.approx(1.0, abs=0.03)

@@ -166,7 +166,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "body", "message"),
     [
-        ("arm", CAMERA, r"arm\.json: holds kind 'camera', required is a calibration `arm`"),
+        ("arm", CAMERA, r"arm\.json: is of kind 'camera'; a calibration of kind `arm`"),
         ("overhead", CAMERA | {"size_px": [640, 480]}, r"640 x 480 px.*1280 x 1024"),
         ("overhead", CAMERA | {"cell": "other"}, r"of cell `other`"),
         ("overhead", CAMERA | {"measured": "2026-03-02T08:30:00"}, r"offset from UTC"),

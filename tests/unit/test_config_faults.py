@@ -41,12 +41,12 @@ def test_a_recipe_without_the_section_leaves_the_cells_policy(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("faults", "sentence"),
     [
-        ("dropped: [{do: park_part}]", "`park_part` cannot be done about dropped; possible: re_p"),
-        ("camera: [{do: re_pose}, {do: hold}]", "`re_pose` cannot be done about camera"),
-        ("dropped: [{do: re_pose}]", "the last action must end the matter: skip_characteristic"),
-        ("dropped: []", "the last action must end the matter"),
-        ("dropped: [{do: hold}, {do: abort}]", "`hold` ends the matter; nothing can follow it"),
-        ("dropped: [{do: hold, times: 2}]", "`hold` ends the matter; it has no `times`"),
+        ("dropped: [{do: park_part}]", "`park_part` is no action for dropped; possible: re_p"),
+        ("camera: [{do: re_pose}, {do: hold}]", "`re_pose` is no action for camera"),
+        ("dropped: [{do: re_pose}]", "the last action must end the list: skip_characteristic"),
+        ("dropped: []", "the last action must end the list"),
+        ("dropped: [{do: hold}, {do: abort}]", "`hold` ends the list; nothing can follow it"),
+        ("dropped: [{do: hold, times: 2}]", "`hold` ends the list; it has no `times`"),
         ("droped: [{do: hold}]", "unknown key `faults.droped`; did you mean `dropped`"),
         ("dropped: [{do: re_pos}, {do: hold}]", "faults.dropped.0.do"),
         ("{demote_after: 9, window: 4}", "9 failures do not fit into a window of 4 uses"),

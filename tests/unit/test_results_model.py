@@ -123,7 +123,7 @@ def test_a_run_cut_off_while_the_jaws_close_does_not_guess_where_the_part_is(
     writer.once("grip", is_done=False)
     writer.close()
     record = load_run(tmp_path)
-    assert record.outcome.where.startswith("Where the part is, is not known")
+    assert record.outcome.where.startswith("The position of the part is unknown")
     assert (
         "closing the arm gripper on the part on the table was begun" in record.parts[0].unconfirmed
     )

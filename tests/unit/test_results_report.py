@@ -305,7 +305,7 @@ def test_a_run_that_was_cut_off_still_gets_its_page(tmp_path: Path) -> None:
     page = page_of(tmp_path)
     assert "no verdict" in page.text
     assert "the run has no end in the journal: it was cut off after" in page.text
-    assert "Where the part was Where the part is, is not known" in page.text
+    assert "Where the part was The position of the part is unknown" in page.text
     assert page.text.count("not done") == 4
     assert "nothing can be said of its surfaces" in page.text
 

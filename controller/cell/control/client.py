@@ -134,7 +134,7 @@ def _reply_of(model: type[SomeReply], body: bytes) -> SomeReply:
     try:
         return model.model_validate_json(body)
     except ValidationError as error:
-        raise ControlError("the run's answer makes no sense; is it another version?") from error
+        raise ControlError("the run's answer cannot be read; is it another version?") from error
 
 
 def facts(reply: BaseModel) -> dict[str, Any]:

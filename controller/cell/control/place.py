@@ -41,11 +41,12 @@ def make_folder() -> Path:
         found = folder.lstat()
     except OSError as error:
         raise ControlError(
-            f"{folder}: {error.strerror}; the control socket stands there"
+            f"{folder}: {error.strerror}; the control socket is created there"
         ) from error
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
         raise ControlError(
-            f"{folder}: not a folder of yours; remove it, the control socket needs it"
+            f"{folder}: belongs to another user; remove it, because the control socket "
+            "needs this folder"
         )
     if found.st_mode & 0o077:
         raise ControlError(f"{folder}: others may enter it; chmod 700 {folder}")

@@ -253,4 +253,4 @@ def where_it_is(custody: Custody, detail: str = "") -> str:
         case Custody.LOST:
             return f"The part was lost{more}: look for it below the arm's last path, by hand."
         case Custody.UNKNOWN:
-            return f"Where the part is, is not known{more}: look before anything moves."
+            return f"The position of the part is unknown{more}: look for it before anything moves."

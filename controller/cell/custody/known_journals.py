@@ -356,7 +356,7 @@ def _notes() -> Iterator[_Note]:
         return
     except OSError as error:
         raise JournalError(
-            f"{folder}: {error.strerror}. It says which journals know of this cell, and nothing "
+            f"{folder}: {error.strerror}. It lists the journals of this cell, and nothing "
             "moves without it. Make it readable"
         ) from error
     for path in paths:

@@ -148,5 +148,5 @@ def known_words(one: Held) -> str:
     part = f"part {one.part} of " if one.part else ""
     since = datetime.fromisoformat(one.since)
     detail = f" ({one.detail})" if one.detail else ""
-    what = "where it is, is unknown" if one.custody is Custody.UNKNOWN else one.custody.value
+    what = "its position is unknown" if one.custody is Custody.UNKNOWN else one.custody.value
     return f"{part}run {one.run}, {what}{detail} since {since:%Y-%m-%d %H:%M:%S} UTC"

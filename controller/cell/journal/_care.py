@@ -66,8 +66,8 @@ def open_cell_journal(path: Path, run: str, stamps: Stamps = HOST_STAMPS) -> Cel
     # lost in a power cut, it would leave a new journal that knows of no part
     journal.write_synced(JournalSetAside(why=flaw, file=kept.name))
     notice = (
-        f"The journal {path} cannot be trusted: {flaw}. It is kept as {kept.name}, and a new one "
-        "begins. What it knew of parts in the grippers is unknown now."
+        f"The journal {path} cannot be trusted: {flaw}. It is kept as {kept.name}, and a "
+        "new one begins. Its record of parts in the grippers is lost."
     )
     return CellJournal(journal, notice)
 

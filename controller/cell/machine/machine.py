@@ -121,7 +121,7 @@ class CellMachine:
         possible = sorted(
             t.event for t in self.transitions() if t.source == self.state and t.target
         )
-        return f"`{event.value}` means nothing in {self.state}; possible: {', '.join(possible)}"
+        return f"`{event.value}` is not possible in {self.state}; possible: {', '.join(possible)}"
 
     def transitions(self) -> tuple[Transition, ...]:
         """Return all transitions, in the machine's own order."""

@@ -94,13 +94,13 @@ class FaultPolicy:
 BACK: Final[Mapping[PartFault, tuple[Event, str]]] = {
     PartFault.GRASP_MISSED: (Event.GRASP_MISSED, "looking at the table again"),
     PartFault.GRASP_WRONG: (Event.GRASP_MISSED, "looking at the table again"),
-    PartFault.DROPPED: (Event.PART_DROPPED, "looking where the part has fallen"),
+    PartFault.DROPPED: (Event.PART_DROPPED, "looking for the fallen part"),
     PartFault.NOT_SEEN: (Event.PART_NOT_SEEN, "looking at the table once more"),
     PartFault.HOLD_NOT_SEEN: (Event.PART_DROPPED, "looking for the part on the table"),
-    PartFault.HELD_OTHERWISE: (Event.PLAN_VOID, "planning on from the grasp as measured"),
-    PartFault.HAND_OFF_FAILED: (Event.PLAN_VOID, "planning on from the arm gripper"),
-    PartFault.RECEIVE_FAILED: (Event.PLAN_VOID, "planning on from the fixed gripper"),
-    PartFault.SEEN_TOO_LITTLE: (Event.PLAN_VOID, "planning what is still to be shown"),
+    PartFault.HELD_OTHERWISE: (Event.PLAN_VOID, "planning onwards from the measured grasp"),
+    PartFault.HAND_OFF_FAILED: (Event.PLAN_VOID, "planning onwards from the arm gripper"),
+    PartFault.RECEIVE_FAILED: (Event.PLAN_VOID, "planning onwards from the fixed gripper"),
+    PartFault.SEEN_TOO_LITTLE: (Event.PLAN_VOID, "planning the remaining views"),
     PartFault.AMBIGUOUS: (Event.PLAN_VOID, "bringing the part to a tray"),
 }
 PARKING: Final = (Event.PLAN_VOID, "parking the part in the quarantine tray")

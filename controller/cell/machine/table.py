@@ -375,11 +375,11 @@ IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
             "held",
             *_SUSPENDED,
         ),
-        "nothing moves: what comes next waits until it is closed",
+        "nothing moves: the next motion waits until the door is closed",
     ),
     ((Event.RESUME,), _WORKING, "nothing is paused"),
     ((Event.STEP,), _SUSPENDING, "already pausing after this step or sooner"),
-    ((Event.RESUME, Event.STEP), _UNSUSPENDING, "already going on"),
+    ((Event.RESUME, Event.STEP), _UNSUSPENDING, "already resumed"),
     # The fixed gripper may report late what the arm gripper has already found.
     (
         (Event.PART_DROPPED,),
@@ -389,7 +389,7 @@ IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
             for name in _LOOKING
             if mode is not Mode.UNSUSPENDING
         ),
-        "nobody holds the part: it is being looked for already",
+        "no gripper holds the part: the cell is looking for it already",
     ),
     # A pause may end in the same moment in which its work does, or be overtaken by the next order.
     ((Event.PAUSED,), (*_SUSPENDED, *_UNSUSPENDING, *_WORKING), "this pause is over"),
@@ -403,7 +403,7 @@ IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
     (
         (Event.RESET_DONE,),
         tuple(state for mode, state in _RESETTING.items() if mode is not Mode.EXECUTE),
-        "homing has ended in a pause: what follows waits for its end",
+        "homing has ended in a pause: the next step waits until the pause ends",
     ),
     *(
         (
@@ -425,7 +425,7 @@ REFUSED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
     (
         (Event.RESUME,),
         _SUSPENDING,
-        "the cell is still coming to its pause: resume once it stands",
+        "the pause has not begun yet: resume once the cell stands still",
     ),
     (
         (Event.RESUME, Event.STEP),

@@ -36,8 +36,10 @@ _ON_TABLE: Final[Mapping[str, str]] = {
 _ASKS: Final = "The part is not where it should be. Is it on the table?"
 # First motion after a choice that moves something.
 _FIRST: Final[Mapping[str, str]] = {
-    LOOK: "the arm goes back along its own path and parks, unless it stands there; then come "
-    "pictures",
+    LOOK: (
+        "the arm goes back along its own path and parks, unless it is parked already; then the "
+        "cell takes pictures"
+    ),
     OUT: "the arm gripper presses, to check that it is empty; then the arm parks",
 }
 # The same of a cell that has not been homed.

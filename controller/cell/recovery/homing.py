@@ -129,7 +129,7 @@ def _along(
 def why_not_home(left: Interrupted, world: World) -> str:
     """Return why an arm that lost its positions cannot home as loaded; empty if it can."""
     if left.is_homing:
-        return "homing with the part was cut off, so that nothing says where the arm stands"
+        return "homing with the part was interrupted, so the position of the arm is unknown"
     if not left.is_homed or not len(left.trail.between):
         return world.positions
     if left.intent is not None:
@@ -140,13 +140,13 @@ def why_not_home(left: Interrupted, world: World) -> str:
         )
     if left.custody is Custody.IN_ARM:
         if left.arm_hold is None:
-            return "the journal does not say how the arm gripper holds the part"
+            return "the journal does not record the grasp of the arm gripper"
         if not world.is_fixed_clear:
             return "the fixed gripper is not clear, and the arm would home with the part beside it"
         return ""
     if left.custody is Custody.IN_FIXED:
         if left.fixed_hold is None:
-            return "the journal does not say how the fixed gripper holds the part"
+            return "the journal does not record the grasp of the fixed gripper"
         holds = world.does_fixed_hold or world.may_fixed_hold(left.fixed_hold.opening_mm)
         if not holds:
             return "the fixed gripper does not report its hold"
@@ -176,7 +176,7 @@ def homing_evidence(homing: Homing, layout: CellLayout) -> tuple[str, ...]:
     turn_deg = np.degrees(np.delete(off, 3)).max()
     kept = "none of its axes" if not bounds.known.any() else "only some of its axes"
     jaws = (
-        "how firmly the arm gripper holds the part is not known: its motor may have had no power"
+        "the force of the arm gripper on the part is unknown: its motor may have had no power"
         if bounds.T_part_tcp is not None
         else "the arm gripper is taken to be empty"
     )

@@ -36,9 +36,11 @@ FIXED_ACTIVATES: Final = (
 FIXED_LOOK: Final = "Look before you accept: nothing is between the fixed gripper's jaws."
 FIRST_SPEED: Final = 0.25  # share of the usual speed: the first motion after a crash
 THEN: Final = {
-    Custody.IN_ARM: "plan on from the arm gripper; what was in sight stays seen, and the first "
-    "view verifies how the part is held",
-    Custody.IN_FIXED: "plan on from the fixed gripper; what was in sight stays seen",
+    Custody.IN_ARM: (
+        "plan onwards from the arm gripper; surface already in sight still counts, and the "
+        "first view verifies the grasp"
+    ),
+    Custody.IN_FIXED: "plan onwards from the fixed gripper; surface already in sight still counts",
     Custody.ON_TABLE: "take the arm out of the picture, recognise the part again, grasp it",
     Custody.LOST: "take the arm out of the picture, and look for the part on the table",
     Custody.PLACED: "take the arm home: the part is in its tray",
@@ -209,9 +211,9 @@ def _why_not(left: Interrupted, case: Case) -> str:
     custody = _custody_after(case)
     hold = left.expected_hold if case.holds_as_expected else left.arm_hold
     if custody is Custody.IN_ARM and hold is None:
-        return "the journal does not say how the arm gripper holds the part"
+        return "the journal does not record the grasp of the arm gripper"
     if custody is Custody.IN_FIXED and left.fixed_hold is None:
-        return "the journal does not say how the fixed gripper holds the part"
+        return "the journal does not record the grasp of the fixed gripper"
     return ""
 
 

@@ -134,7 +134,7 @@ async def read_world(devices: Devices, left: Interrupted) -> World:
             q = await devices.arm.read_q()
             positions = "its counters read what it was last sent to, and it has not restarted"
     elif left.is_homed:
-        positions = "the journal does not say where the arm was sent"
+        positions = "the journal does not record where the arm was sent"
     jaws = devices.jaws_found
     assert jaws is not None, "connect first"
     status = await devices.gripper.status()

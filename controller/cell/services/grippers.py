@@ -315,7 +315,7 @@ class Grippers:
             found.append("the fixed gripper holds something")
         if found:
             raise PartProblemError(
-                "still_held", f"the part was said to be out, but {' and '.join(found)}"
+                "still_held", f"the part was reported as taken out, but {' and '.join(found)}"
             )
 
     async def activate_fixed(self) -> None:
@@ -337,8 +337,8 @@ class Grippers:
         if status.has_contact or self._io.signal("part_in_gripper") is not Signal.NOT_OK:
             raise PartProblemError(
                 "recovery_contradicted",
-                "the fixed gripper was to be activated empty, and its contact or its light barrier "
-                "does not say that it is",
+                "the fixed gripper must be empty for its activation, but its contact or "
+                "its light barrier does not confirm that",
             )
         await self.activate_fixed()
 

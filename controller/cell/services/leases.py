@@ -60,8 +60,8 @@ class Leases:
         wanted = sorted(set(resources) - set(mine), key=lambda one: one.place)
         if wanted and mine and wanted[0].place < max(one.place for one in mine):
             raise LeaseError(
-                f"{by} asks for the {wanted[0].value} after it took the {mine[-1].value}: "
-                "two that do so wait for each other"
+                f"{by} requests the {wanted[0].value} after it took the {mine[-1].value}: "
+                "two such requests would wait for each other"
             )
         taken: list[Resource] = []
         try:

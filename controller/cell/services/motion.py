@@ -133,9 +133,9 @@ class Motion:
                     raise
                 # the way that was proven free begins where the arm stood before, not half-way
                 raise InterlockError(
-                    "the door was opened while the arm homed with a part, and nothing says where "
-                    "the arm stands now: `cellctl recover --open arm` gives you the part; then "
-                    "close the door and start again",
+                    "the door was opened while the arm homed with a part, and the position "
+                    "of the arm is unknown now: `cellctl recover --open arm` gives you the "
+                    "part; then close the door and start again",
                     "guard_closed",
                 ) from error
         at = await self._arm.read_q()

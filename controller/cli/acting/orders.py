@@ -22,7 +22,7 @@ from controller.config import ConfigError
 from ..terminal.output import emit, print_line, warn
 
 # Shown for a cell that was paused while it computes; the first motion is shown once it is known.
-NOT_KNOWN_YET = "not known yet: the cell still computes what comes next"
+NOT_KNOWN_YET = "not known yet: the cell is still computing the next motion"
 
 
 def show_status(runs_dir: Path, *, as_json: bool) -> int:
@@ -92,7 +92,7 @@ def status_lines(found: StatusReply) -> list[str]:
 
 
 def _within(seconds: float | None) -> str:
-    return "nobody knows when" if seconds is None else f"stands within {seconds:.0f} s"
+    return "time unknown" if seconds is None else f"stands within {seconds:.0f} s"
 
 
 def pause_cell(runs_dir: Path, kind: str, who: str, why: str, *, as_json: bool) -> int:

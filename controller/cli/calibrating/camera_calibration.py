@@ -198,9 +198,11 @@ def _report(
     )
     values = dict(zip(("k1", "k2", "p1", "p2", "k3"), found.camera.distortion, strict=True))
     shown = [f"{name} {values[name]:.3g} +- {std[name]:.1g}" for name in values if name in std]
-    print_line(f"distortion: {', '.join(shown) if shown else 'none to be seen'}")
+    print_line(f"distortion: {', '.join(shown) if shown else 'none visible'}")
     if found.held_std:
-        print_line(f"held at 0, since the pictures do not show them: {', '.join(found.held_std)}")
+        print_line(
+            f"held at 0, since the pictures do not determine them: {', '.join(found.held_std)}"
+        )
     x, y, z = found.camera.position_mm
     sx, sy, sz = found.position_std_mm
     print_line(

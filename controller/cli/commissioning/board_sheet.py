@@ -71,10 +71,10 @@ def write_sheet(
         emit({**written, "squares_mm": [width_mm, height_mm], "square_mm": board.square_mm})
         return 0
     if measured_mm is None:
-        print_line(f"{pdf}: print it at 100 %, measure its ruler, glue it on something plane")
+        print_line(f"{pdf}: print it at 100 %, measure its ruler, glue it on a flat plate")
         print_line(
-            f"then measure all squares across, {width_mm:g} mm if the printer is true, and give "
-            "what they measure by --measured-mm"
+            f"then measure all squares across, {width_mm:g} mm if the printer is accurate, "
+            "and give the measured length by --measured-mm"
         )
     print_line(f"{target}: {width_mm:g} x {height_mm:g} mm over all squares")
     return 0

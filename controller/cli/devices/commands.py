@@ -50,7 +50,7 @@ def doctor(
             min=0,
             max=3600,
             callback=finite,
-            help="repeat the pictures for so long; the last ones are kept",
+            help="repeat the pictures for this long; the last ones are kept",
         ),
     ] = 0.0,
     json: JsonOption = False,

@@ -202,7 +202,8 @@ def _decide(
     if unnamed:
         print_line(
             f"finding {', '.join(unnamed)}: not named. `--finding {unnamed[0]}=real` or "
-            "`=false_alarm` tells how often the machine is right (`cellctl stats --review`)"
+            "`=false_alarm` lets `cellctl stats --review` count how often the machine is "
+            "right"
         )
 
 

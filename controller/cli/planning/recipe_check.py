@@ -90,7 +90,7 @@ def _landings(checked: Checked) -> list[Landing]:
     """Return every stable pose, likeliest first."""
     found = [_landing(one) for one in checked.poses]
     found += [
-        Landing(pose, "planned when met", "rare; planned when a part lies so")
+        Landing(pose, "planned when met", "rare; planned when a part rests that way")
         for pose in checked.met_later
     ]
     return sorted(found, key=lambda one: one.pose.index)
@@ -128,9 +128,9 @@ def _unserved(checked: Checked) -> list[str]:
         return []
     served = ", ".join(f"pose {one.pose.index}" for one in checked.poses if one.is_served)
     return [
-        f"{checked.served_fraction:.0%} of landings are served; feed the part so that it lies in "
-        f"{served}, or change what keeps the others from a plan. A run would go, and wait for "
-        "those"
+        f"{checked.served_fraction:.0%} of dropped parts rest in a pose with a plan; feed "
+        f"the part so that it rests in {served}, or remove the obstacle to the other plans. "
+        "A run would start, and wait whenever a part rests in another pose"
     ]
 
 
@@ -142,8 +142,8 @@ def _print(recipe_path: Path, checked: Checked, problems: Sequence[str]) -> None
     if checked.unseen_faces:
         faces = ", ".join(f"F{face}" for face in checked.unseen_faces)
         print_line(
-            f"hardly comes in sight in any plan: {faces}. To pass parts whose {faces} nobody has "
-            "compared, add to the recipe:"
+            f"hardly in sight in any plan: {faces}. To pass parts without a comparison of "
+            f"{faces}, add to the recipe:"
         )
         print_line("inspection:\n  not_inspected:")
         for face, reason in checked.unseen_faces.items():
@@ -154,7 +154,7 @@ def _print(recipe_path: Path, checked: Checked, problems: Sequence[str]) -> None
         print_line(f"{recipe_path}: not ready ({served} served)")
     else:
         print_line(
-            f"{recipe_path}: ready for {served} (how much can be compared shows in the pictures)"
+            f"{recipe_path}: ready for {served} (the pictures decide how much can be compared)"
         )
 
 

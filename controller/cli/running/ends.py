@@ -25,7 +25,7 @@ ENDS: Final = {
     signal.SIGQUIT: ("stopped by the operator (SIGQUIT)", "stop"),
     # a suspended controller could neither see a door open nor stop anything
     signal.SIGTSTP: ("stopped by the operator (Ctrl-Z: a cell cannot be suspended)", "stop"),
-    signal.SIGHUP: ("the terminal is gone (SIGHUP)", "terminal_gone"),
+    signal.SIGHUP: ("the terminal was closed (SIGHUP)", "terminal_gone"),
 }
 # these would suspend a run in the background when it uses the terminal
 UNHEARD: Final = (signal.SIGTTIN, signal.SIGTTOU)
@@ -123,10 +123,10 @@ class Ends:
         while True:
             await asyncio.sleep(LOOK_WALL_S)
             if not self._is_detached and os.getppid() != self._parent:
-                work.request_stop("the process that started this run is gone", "parent_gone")
+                work.request_stop("the process that started this run has ended", "parent_gone")
                 return
             if is_output_gone():
-                work.request_stop("nobody reads the run's output any more", "output_gone")
+                work.request_stop("the program that read the run's output has ended", "output_gone")
                 return
             if not workers <= {child.pid for child in active_children()}:
                 work.request_abort(WORKER_GONE, "worker_gone")

@@ -161,8 +161,8 @@ def _none_held(standing: Standing) -> str:
     if not unread:
         return "Nothing is held: `cellctl run` may start."
     return (
-        f"By the journal nothing is held, but the {' and the '.join(unread)} cannot be read. "
-        "Look at its jaws: `cellctl run` may start, and opens them."
+        f"According to the journal nothing is held, but the {' and the '.join(unread)} "
+        "cannot be read. Look at its jaws: `cellctl run` may start, and opens them."
     )
 
 

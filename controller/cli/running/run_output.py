@@ -192,8 +192,9 @@ def calibration_note(result: RunResult) -> str:
     if alarm is None or alarm.number not in MAY_BE_CALIBRATION or not result.why_not_verified:
         return ""
     return (
-        f"The cell is not verified: {result.why_not_verified}. Cameras or arm that stand otherwise "
-        "than its file has them look just like this: calibrate it with `cellctl commission`."
+        f"The cell is not verified: {result.why_not_verified}. A camera or an arm that is "
+        "not at its pose in the cell file would give the same result: calibrate the cell "
+        "with `cellctl commission`."
     )
 
 

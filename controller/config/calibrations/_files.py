@@ -76,7 +76,9 @@ def _parse(path: Path, name: CalibrationName, data: bytes) -> Calibration:
     kind = model.model_fields["kind"].default
     if not isinstance(tree, dict) or tree.get("kind") != kind:
         given = tree.get("kind") if isinstance(tree, dict) else None
-        raise ConfigError(f"{path}: holds kind {given!r:.40}, required is a calibration `{kind}`")
+        raise ConfigError(
+            f"{path}: is of kind {given!r:.40}; a calibration of kind `{kind}` is required"
+        )
     try:
         return model.model_validate(tree)
     except ValidationError as error:

@@ -138,7 +138,7 @@ def _why_not_verified(
     each: tuple[Standing, ...],
 ) -> str:
     if not references:
-        return f"it stands as its file says, and nothing was measured ({VERIFY})"
+        return f"its poses are those of its file, and nothing was measured ({VERIFY})"
     record = found.get("verification")
     if not isinstance(record, VerificationRecord):
         return f"no verification ({VERIFY})"

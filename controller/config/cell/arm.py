@@ -152,7 +152,7 @@ class OtherArmSection(ArmSection):
         for key in sorted(UmiSection.model_fields.keys() - cls.model_fields.keys()):
             if isinstance(given, dict) and key in given:
                 raise WrongKeyError(
-                    (key,), "describes a UMI RTX; what another arm is like stands under `shape`"
+                    (key,), "describes a UMI RTX; another arm is described under `shape`"
                 )
         return given
 

@@ -67,9 +67,9 @@ class LineSection(DeviceSection):
     @model_validator(mode="after")
     def _fits_the_transport(self) -> Self:
         if self.echo and self.transport == "tcp":
-            raise ValueError("`echo` is of rtu and rtu-tcp; Modbus TCP has none")
+            raise ValueError("`echo` is for rtu and rtu-tcp only; Modbus TCP has none")
         if not self.returns_ids and self.transport != "tcp":
-            raise ValueError("`returns_ids` is of Modbus TCP; RTU has no transaction numbers")
+            raise ValueError("`returns_ids` is for Modbus TCP only; RTU has no transaction numbers")
         return self
 
 

@@ -146,7 +146,7 @@ class Control:
             found = await self._status()
             now = "" if found is None or found.first is None else found.first.words
             if now != body.first:
-                reason = f"something else moves first by now: {now or 'nothing is known'}"
+                reason = f"another motion comes first by now: {now or 'nothing is known'}"
                 return _refused(self._state, reason)
         return await self._order(Event.RESUME, peer, body)
 

@@ -27,7 +27,7 @@ def handle_for(control: Control) -> Handle:
         endpoint = BY_PATH.get(path)
         if endpoint is None:
             known = ", ".join([*BY_PATH, DOCUMENT_PATH])
-            return 404, error_body(f"no such endpoint; there are {known}")
+            return 404, error_body(f"no such endpoint; the endpoints are {known}")
         if method != endpoint.method:
             return 405, error_body(f"{path} takes {endpoint.method}")
         try:

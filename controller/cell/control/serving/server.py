@@ -212,8 +212,8 @@ class Door:
         if self._answering[is_reading] >= MAX_CONNECTION_COUNT:
             raise _BadRequestError(
                 503,
-                f"{MAX_CONNECTION_COUNT} such requests to this cell wait for their answers, the "
-                "most at once: ask again",
+                f"{MAX_CONNECTION_COUNT} such requests to this cell are waiting, the most "
+                "allowed at once: ask again",
             )
         self._answering[is_reading] += 1
         try:

@@ -118,7 +118,7 @@ BUILT_IN_RULES: Final = (
     _rule(
         "hand_off_blocked",
         "fixed_gripper_free | custody_in_fixed | custody_in_both | custody_lost",
-        "the fixed gripper stands on something that is not the part; look what it holds",
+        "the fixed gripper is closed on something other than the part; check what it holds",
         when="moves_arm & near_hand_off",
         checks=(Check.ADMIT,),
     ),

@@ -171,7 +171,7 @@ class Supervised:
             asyncio.get_running_loop().remove_reader(control)
             self._ready.set()
             if not self._is_over:
-                self._on_stopped("the supervisor has ended: nobody watches over this process")
+                self._on_stopped("the supervisor has ended: this process is no longer supervised")
             return
         body = json.loads(packet)
         if body.get("ready"):

@@ -32,9 +32,9 @@ class Approval:
         NoPermitError : nobody is there to decide
         """
         question = Question(
-            NEXT_MOTION, f"next: {motion.words}", (Choice(GO, "let this motion begin"),)
+            NEXT_MOTION, f"next: {motion.words}", (Choice(GO, "permit this motion"),)
         )
         async with self._one_question:
             answer = await self._operator.decide(question)
         if answer is None:
-            raise NoPermitError("nothing may move: nobody is there to let each motion begin")
+            raise NoPermitError("nothing may move: nobody is there to permit each motion")

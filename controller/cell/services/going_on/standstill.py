@@ -24,7 +24,8 @@ from ..motion import Motion, rounded
 from ..records import BatchRecord
 
 _LOOK = NextMotion(
-    "the arm goes back along its own path and parks, unless it stands there; then come pictures"
+    "the arm goes back along its own path and parks, unless it is parked already; then the "
+    "cell takes pictures"
 )
 
 

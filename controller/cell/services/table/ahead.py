@@ -188,7 +188,7 @@ class LookAhead:
     def _why_void(self, foreseen: Foreseen) -> str:
         """Return why a plan no longer holds, whatever is on the table; empty if it does."""
         if foreseen.avoid != foreseen.product.budgets.grasps:
-            return "a grasp is avoided that was not when the plan was made"
+            return "a grasp is avoided now that was allowed when the plan was made"
         if _places(foreseen.around.stored) != _places(self._record.trays.stored):
             return "the part before it went into another nest"
         return ""

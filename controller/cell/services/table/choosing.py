@@ -129,8 +129,9 @@ def _alone(
     if len(of_batch) > 1:
         raise PartProblemError(
             "many_parts",
-            f"{len(of_batch)} parts on the table: {where([seen[k] for k in of_batch])}; which of "
-            f"them has {wanted.scanned}, no picture shows: leave that one alone there",
+            f"{len(of_batch)} parts on the table: {where([seen[k] for k in of_batch])}; no "
+            f"picture shows which of them has {wanted.scanned}: leave only that one on the "
+            "table",
         )
     return found
 
@@ -152,10 +153,9 @@ def _in_order(
         name = str(seen[first[0]].part)
         raise PartProblemError(
             "many_parts",
-            f"{len(first)} parts {name} on the table: "
-            f"{where([seen[k] for k in first])}; which of them has "
-            f"{wanted.serials[name]}, no picture shows: lay parts with serial numbers one at a "
-            "time",
+            f"{len(first)} parts {name} on the table: {where([seen[k] for k in first])}; no "
+            f"picture shows which of them has {wanted.serials[name]}: put parts with serial "
+            "numbers on the table one at a time",
         )
     return rest
 
@@ -194,7 +194,7 @@ def chosen(
     if not free:
         raise PartProblemError(
             "many_parts",
-            f"{len(seen)} objects on the table: {where(seen)}; no gripper gets at "
+            f"{len(seen)} objects on the table: {where(seen)}; no gripper reaches "
             f"{seen[among[0]].part} between them: move them apart",
         )
     return max(free, key=worth)
@@ -263,12 +263,13 @@ def _none_of_them(seen: Sequence[SightingFields], wanted: Wanted) -> PartProblem
         return PartProblemError(
             "part_cut_off",
             f"{one.part} {at} lies partly outside the backlit area: "
-            f"{100 * one.free_share:.0f} % of its outline is seen; move it inwards and start again",
+            f"{100 * one.free_share:.0f} % of its outline is visible; move it inwards and "
+            "start again",
         )
     if one.part in wanted.batch:
         return PartProblemError(
             "wrong_part",
-            f"{one.part} is {at}, and enough of them are done; lay {name} there, and take it away",
+            f"{one.part} is {at}, and enough of those are done; take it away, and put {name} there",
         )
     return PartProblemError(
         "wrong_part",

@@ -57,8 +57,8 @@ class Disambiguation:
         if not left:
             raise PartProblemError(
                 "unknown_object",
-                f"the part in the arm gripper looks like none of {', '.join(names)}; {TAKE_OUT}, "
-                "check it for damage and the recipe's `part:`",
+                f"the part in the arm gripper matches none of {', '.join(names)}; "
+                f"{TAKE_OUT}, check it for damage and the recipe's `part:`",
             )
         if len(left) > 1:
             raise PartFaultError(
@@ -74,7 +74,7 @@ class Disambiguation:
         hold.T_part_tcp = inverse_pose(found.T_tcp_part)
         self.record.note_hold()
         raise PartFaultError(
-            PartFault.HELD_OTHERWISE, "the view shows another stable pose than it seemed"
+            PartFault.HELD_OTHERWISE, "the view shows a stable pose other than expected"
         )
 
 
