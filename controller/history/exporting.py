@@ -35,7 +35,7 @@ VALUE_COLUMNS: Final = (
     "balloon", "id", "label", "kind", "unit", "nominal", "lower", "upper", "source", "measured",
     "U_k2", "verdict", "reason",
 )  # fmt: skip
-COLUMNS: Final = PART_COLUMNS + VALUE_COLUMNS
+COLUMNS: Final = (*PART_COLUMNS, *VALUE_COLUMNS, "order_number")
 AT: Final = COLUMNS.index("review_at")
 
 
@@ -75,7 +75,7 @@ def _rows(db: Connection, filters: Filters) -> Iterator[tuple[Any, ...]]:
             p.is_emulated, p.verdict, p.tray, p.forecast_s, p.done_forecast_s, p.done_actual_s,
             p.finding_count, p.recovery_count, p.review, last.c.who, last.c.why, last.c.at,
             c.balloon, c.id, c.label, c.kind, c.unit, c.nominal, c.lower, c.upper, c.source,
-            m.measured, m.U, m.verdict, m.reason,
+            m.measured, m.U, m.verdict, m.reason, p.order_number,
         )
         .select_from(source)
         .where(filters.clause())

@@ -19,7 +19,7 @@ from .rows_of import NO_VERDICT
 from .store import Store
 from .tables import ALARMS, FINDING_FACES, FINDINGS, PARTS, RECOVERIES, RUNS
 
-GROUPS: Final = ("day", "run", "recipe", "lot", "operator")
+GROUPS: Final = ("day", "run", "recipe", "lot", "order", "operator")
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +187,8 @@ def _groups(clause: ColumnElement[bool], by: str) -> Any:  # noqa: ANN401 - a qu
         is_before,
     )
     is_first = is_judged & ~earlier.exists()
-    name = RUNS.c.run_id if by == "run" else p[by]
+    name = {"run": RUNS.c.run_id, "order": p.order_number}.get(by)
+    name = p[by] if name is None else name
 
     def count(condition: ColumnElement[bool]) -> ColumnElement[int]:
         return func.sum(case((condition, 1), else_=0))

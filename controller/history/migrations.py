@@ -33,15 +33,22 @@ def _with_followed(db: Connection) -> None:
     _add(db, PARTS.c.is_counted, PARTS.c.followed_by)
 
 
+def _with_orders(db: Connection) -> None:
+    """Add the number of each part's order; parts whose journal is gone have none."""
+    _add(db, PARTS.c.order_number)
+
+
 def _add(db: Connection, *columns: Column[Any]) -> None:
-    """Add columns and the indexes of parts, and have the journals read once more."""
+    """Add columns, the indexes that have all theirs, and have the journals read once more."""
     for column in columns:
         if column.name in {one["name"] for one in inspect(db).get_columns(column.table.name)}:
             continue
         words = CreateColumn(column).compile(dialect=db.dialect)
         db.execute(text(f"ALTER TABLE {column.table.name} ADD COLUMN {words}"))
+    known = {one["name"] for one in inspect(db).get_columns(PARTS.name)}
     for index in PARTS.indexes:
-        index.create(db, checkfirst=True)
+        if {column.name for column in index.columns} <= known:  # a later step has the others
+            index.create(db, checkfirst=True)
     db.execute(update(JOURNALS).values(last_seq=0, last_hash=GENESIS))
 
 
@@ -50,6 +57,7 @@ MIGRATIONS: Final[tuple[Callable[[Connection], None], ...]] = (
     _with_steps,
     _with_reviews,
     _with_followed,
+    _with_orders,
 )
 SCHEMA_VERSION: Final = 1 + len(MIGRATIONS)
 

@@ -29,6 +29,7 @@ SORTS: Final[Mapping[str, Column[Any]]] = {
     "serial": PARTS.c.serial,
     "recipe": PARTS.c.recipe,
     "lot": PARTS.c.lot,
+    "order_number": PARTS.c.order_number,
     "operator": PARTS.c.operator,
     "verdict": PARTS.c.verdict,
     "seconds": PARTS.c.done_actual_s,
@@ -52,6 +53,7 @@ class Filters:
     verdict: str = ""
     serial: str = ""
     lot: str = ""
+    order_number: str = ""
     operator: str = ""
     run: str = ""
     since: datetime | None = None
@@ -72,6 +74,7 @@ class Filters:
             c.verdict: self.verdict,
             c.serial: self.serial,
             c.lot: self.lot,
+            c.order_number: self.order_number,
             c.operator: self.operator,
         }
         clauses = [column == value for column, value in named.items() if value]

@@ -112,6 +112,7 @@ def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry])
             "recipe": header.part,
             "serial": header.serial,
             "lot": header.lot,
+            "order_number": header.papers.get("order_number", ""),
             "operator": header.operator,
             "verdict": judged.verdict,
             "reason": judged.reasons[0] if judged.reasons else "",

@@ -108,11 +108,14 @@ PARTS: Final = Table(
     # since version 4
     Column("is_counted", Boolean, nullable=False, server_default=true()),  # this is its record
     Column("followed_by", Text, nullable=False, server_default=""),  # the run that has it since
+    # since version 5
+    Column("order_number", Text, nullable=False, server_default=""),
     Index("parts_start", "start", "part_id"),
     Index("parts_recipe", "recipe", "start", "part_id"),
     Index("parts_verdict", "verdict", "start", "part_id"),
     Index("parts_serial", "serial", "recipe", "start"),
     Index("parts_lot", "lot", "start"),
+    Index("parts_order", "order_number", "start"),
     Index("parts_operator", "operator", "start"),
     Index("parts_run", "run_no", "number"),
     Index("parts_awaiting", "awaits_review", "start", "part_id"),

@@ -109,7 +109,7 @@ async def test_a_run_has_the_options_of_the_command_line_and_a_session_of_its_ow
 ) -> None:
     recipes = [{"recipe": "recipes/plate.yaml", "count": 4}, {"recipe": "holder"}]
     more = {"cell": "cell.yaml", "lot": "L 7", "serial_from": "A-001", "speed": 5, "seed": 3}
-    more |= {"goes_on": True}
+    more |= {"goes_on": True, "order_number": "4711"}
     await launcher.start(body(recipes=recipes, are_trays_empty=True, **more), "ada")
     found = said(project)
     assert found["argv"][0] == "run"
@@ -117,6 +117,7 @@ async def test_a_run_has_the_options_of_the_command_line_and_a_session_of_its_ow
     assert set(found["argv"][1:-3]) == {
         "--operator=ada",
         "--lot=L 7",
+        "--order=4711",
         "--cell=cell.yaml",
         "--serial-from=A-001",
         "--across-runs",
@@ -157,7 +158,11 @@ def restarted(project: Path) -> Launcher:
 
 @pytest.mark.parametrize(
     ("more", "counts_on"),
-    [({"lot": "L 7", "is_read": True}, False), ({"serial_from": "A-001"}, True), ({}, False)],
+    [
+        ({"lot": "L 7", "order_number": "4711", "is_read": True}, False),
+        ({"serial_from": "A-001"}, True),
+        ({}, False),
+    ],
 )
 async def test_the_last_batch_is_remembered_after_a_restart_and_counts_on(
     launcher: Launcher, project: Path, more: dict[str, Any], counts_on: bool
@@ -392,9 +397,9 @@ async def test_a_dry_run_has_one_recipe_and_nothing_of_a_part(
     }  # fmt: skip
     plate = {"recipe": "recipes/plate.yaml"}
     for more in (
-        {"lot": "L1"}, {"serial_from": "A1"}, {"is_read": True}, {"are_trays_empty": True},
-        {"recipes": [plate, plate]}, {"recipes": [{**plate, "count": 2}]},
-        {"recipes": [], "parts_list": "0" * 16},
+        {"lot": "L1"}, {"order_number": "4711"}, {"serial_from": "A1"}, {"is_read": True},
+        {"are_trays_empty": True}, {"recipes": [plate, plate]},
+        {"recipes": [{**plate, "count": 2}]}, {"recipes": [], "parts_list": "0" * 16},
     ):  # fmt: skip
         with pytest.raises(ValidationError):
             body(is_dry=True, **more)

@@ -115,6 +115,7 @@ def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.R
         emulator={k: v for k, v in order.emulated.items() if k != "devices"},
         operator=order.papers.operator,
         lot=order.papers.lot,
+        order_number=order.papers.order_number,
         serials=order.papers.serials,
         part_temperature_c=order.papers.part_temperature_c,
         speed=order.speed,

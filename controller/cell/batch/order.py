@@ -23,6 +23,7 @@ class Papers:
     listed : label of each part of a list, with the number of its recipe
     counted_from : first of the serial numbers that are counted up; empty if none are
     is_read : serial numbers are read off the parts
+    order_number : of the order that the parts are made for
     """
 
     operator: str = ""
@@ -32,6 +33,7 @@ class Papers:
     listed: tuple[tuple[int, Label], ...] = ()
     counted_from: str = ""
     is_read: bool = False
+    order_number: str = ""
 
     @property
     def numbers(self) -> LabelOrder:

@@ -111,6 +111,12 @@ class Interrupted:
         return self._label[1]
 
     @property
+    def order_number(self) -> str:
+        """The number of the part's order; empty if none was given."""
+        began = self.began
+        return began.order_number if self.resumed is None else self.resumed.order_number
+
+    @property
     def _label(self) -> tuple[str, str]:
         began = self.began
         return rows.label_of(self.part, began.serials, began.lot, self.resumed, self.identified)

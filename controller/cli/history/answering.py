@@ -24,6 +24,7 @@ class Asked:
     verdict: str = ""
     serial: str = ""
     lot: str = ""
+    order_number: str = ""
     operator: str = ""
     run: str = ""
     since: str | None = None
@@ -45,6 +46,7 @@ class Asked:
             verdict=verdict,
             serial=self.serial,
             lot=self.lot,
+            order_number=self.order_number,
             operator=self.operator,
             run=self.run,
             since=None if self.since is None else instant(self.since, "--since"),

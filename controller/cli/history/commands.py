@@ -13,6 +13,7 @@ from ..options import JsonOption, RunsOption, StoreOption
 OfRecipe = Annotated[str, typer.Option(metavar="NAME", help="parts of this recipe")]
 OfSerial = Annotated[str, typer.Option(metavar="SERIAL", help="parts with this serial number")]
 OfLot = Annotated[str, typer.Option(metavar="LOT", help="parts of this lot")]
+OfOrder = Annotated[str, typer.Option(metavar="NUMBER", help="parts of the order of this number")]
 OfOperator = Annotated[str, typer.Option(metavar="NAME", help="parts of this operator")]
 OfRun = Annotated[
     str, typer.Option(metavar="RUN", help="parts of the runs whose id begins with this")
@@ -44,6 +45,7 @@ def history(
     ] = "",
     serial: OfSerial = "",
     lot: OfLot = "",
+    order: OfOrder = "",
     operator: OfOperator = "",
     run: OfRun = "",
     since: Since = None,
@@ -101,7 +103,7 @@ def history(
     if awaiting_review and reviewed:
         raise typer.BadParameter("--awaiting-review and --reviewed exclude each other")
     review = "awaiting" if awaiting_review else "reviewed" if reviewed else ""
-    asked = Asked(recipe, verdict, serial, lot, operator, run, since, until, review)
+    asked = Asked(recipe, verdict, serial, lot, order, operator, run, since, until, review)
     raise typer.Exit(answer(part, asked, limit, export, runs, store, anew=refill, as_json=json))
 
 
@@ -144,6 +146,7 @@ def review(
     recipe: OfRecipe = "",
     serial: OfSerial = "",
     lot: OfLot = "",
+    order: OfOrder = "",
     operator: OfOperator = "",
     run: OfRun = "",
     since: Since = None,
@@ -166,13 +169,14 @@ def review(
         recipe=recipe,
         serial=serial,
         lot=lot,
+        order_number=order,
         operator=operator,
         run=run,
         since=since,
         until=until,
     )
-    order = Order(part, verdict, why, who, tuple(finding or ()), output, open_, all_)
-    raise typer.Exit(review_parts(order, asked, limit, runs, store, as_json=json))
+    decided = Order(part, verdict, why, who, tuple(finding or ()), output, open_, all_)
+    raise typer.Exit(review_parts(decided, asked, limit, runs, store, as_json=json))
 
 
 def backup(

@@ -78,6 +78,7 @@ def print_record(part: Mapping[str, Any]) -> None:
     about = {
         "serial": part["serial"],
         "lot": part["lot"],
+        "order": part["order_number"],
         "recipe": part["recipe"],
         "cell": f"{part['cell']}{emulated}",
         "operator": part["operator"],

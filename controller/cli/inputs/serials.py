@@ -1,7 +1,7 @@
 """Serial numbers on a command line: their source, and the ones taken already."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from controller.cell.batch import Papers
@@ -61,11 +61,9 @@ def papers_of(
         first = _first_counted(first, part_count, runs_dir, goes_on=options.goes_on)
     labels = () if listed is None else listed.labels
     _warn_of_known([label.serial for _, label in labels if label.serial], runs_dir)
-    return Papers(
-        papers.operator,
-        papers.lot,
-        options.serials,
-        papers.part_temperature_c,
+    return replace(
+        papers,
+        serials=options.serials,
         listed=labels,
         counted_from=first,
         is_read=options.is_read,

@@ -90,7 +90,12 @@ def go_on_with_part(cell_path: Path, runs_dir: Path, why: str, *, as_json: bool)
         runs_dir=runs_dir,
         is_part_removed=False,
         is_recovery_automatic=False,
-        papers=Papers(began.operator, began.lot, (), began.part_temperature_c),
+        papers=Papers(
+            began.operator,
+            began.lot,
+            part_temperature_c=began.part_temperature_c,
+            order_number=began.order_number,
+        ),
         as_json=as_json,
         operator=AcceptingOperator(why),
     )

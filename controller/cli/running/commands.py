@@ -54,6 +54,15 @@ def run(
         str,
         typer.Option("--lot", metavar="LOT", rich_help_panel=REPORTED, help="lot of the parts"),
     ] = "",
+    order: Annotated[
+        str,
+        typer.Option(
+            "--order",
+            metavar="NUMBER",
+            rich_help_panel=REPORTED,
+            help="number of the order (default: the recipe's `papers`)",
+        ),
+    ] = "",
     parts_list: Annotated[
         Path | None,
         typer.Option(
@@ -245,7 +254,9 @@ def run(
         is_part_removed=part_removed,
         are_trays_empty=trays_empty,
         is_recovery_automatic=auto_recover,
-        papers=Papers(operator, lot, (), part_temperature),
+        papers=Papers(
+            operator, lot, part_temperature_c=part_temperature, order_number=order.strip()
+        ),
         serials=SerialOptions(
             serials=tuple(serial or ()),
             counted_from=serial_from,

@@ -87,6 +87,7 @@ def _check_options(options: RunOptions) -> None:
         "--trays-empty": options.are_trays_empty,
         "--auto-recover": options.is_recovery_automatic,
         "--lot": bool(options.papers.lot),
+        "--order": bool(options.papers.order_number),
         "--serial": bool(options.serials.serials),
         "--serial-from": options.serials.counted_from is not None,
         "--parts-list": options.listed is not None,

@@ -19,8 +19,8 @@ def stats(
         typer.Option(
             "--by",
             metavar="GROUP",
-            help="group by day, run, recipe, lot or operator, with --takt also by part (default "
-            "without RECIPE: recipe)",
+            help="group by day, run, recipe, lot, order or operator, with --takt also by part "
+            "(default without RECIPE: recipe)",
         ),
     ] = None,
     takt: Annotated[
@@ -36,6 +36,10 @@ def stats(
     ] = False,
     lot: Annotated[
         str, typer.Option(metavar="LOT", help="with --by, --takt or --review: parts of this lot")
+    ] = "",
+    order: Annotated[
+        str,
+        typer.Option(metavar="NUMBER", help="with --by, --takt or --review: parts of this order"),
     ] = "",
     operator: Annotated[
         str,
@@ -76,7 +80,7 @@ def stats(
             from .agreeing import report_agreement
             from .yields import Chosen
 
-        chosen = Chosen(recipe or "", lot, operator, since, until)
+        chosen = Chosen(recipe or "", lot, order, operator, since, until)
         raise typer.Exit(report_agreement(runs, store, chosen, as_json=json))
     if takt:
         with loading():
@@ -85,19 +89,21 @@ def stats(
 
         if report or store:
             raise typer.BadParameter("--takt cannot be combined with --report or --store")
-        chosen = Chosen(recipe or "", lot, operator, since, until)
+        chosen = Chosen(recipe or "", lot, order, operator, since, until)
         raise typer.Exit(report_takt(runs, chosen, by or "recipe", as_json=json))
     if recipe is None or by is not None:
         with loading():
             from .yields import Chosen, report_yields
 
-        chosen = Chosen(recipe or "", lot, operator, since, until)
+        chosen = Chosen(recipe or "", lot, order, operator, since, until)
         raise typer.Exit(report_yields(runs, store, chosen, by or "recipe", report, as_json=json))
     with loading():
         from .series_table import report_series
 
-    if lot or operator or since or until or store:
-        raise typer.BadParameter("--lot, --operator, --since, --until and --store require --by")
+    if lot or order or operator or since or until or store:
+        raise typer.BadParameter(
+            "--lot, --order, --operator, --since, --until and --store require --by"
+        )
     raise typer.Exit(report_series(runs, recipe, report, as_json=json))
 
 

@@ -74,6 +74,7 @@ def _fits(run: RunTakt, filters: Filters) -> bool:
     return (
         (bool(run.parts) or filters.recipe in ("", run.recipe))
         and filters.lot in ("", run.lot)
+        and filters.order_number in ("", run.order_number)
         and filters.operator in ("", run.operator)
         and (filters.since is None or start >= filters.since)
         and (filters.until is None or start < filters.until)

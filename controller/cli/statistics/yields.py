@@ -37,6 +37,7 @@ class Chosen:
 
     recipe: str = ""
     lot: str = ""
+    order_number: str = ""
     operator: str = ""
     since: str | None = None
     until: str | None = None
@@ -51,6 +52,7 @@ class Chosen:
         return Filters(
             recipe=self.recipe,
             lot=self.lot,
+            order_number=self.order_number,
             operator=self.operator,
             since=None if self.since is None else instant(self.since, "--since"),
             until=None if self.until is None else instant(self.until, "--until", is_end=True),

@@ -189,6 +189,7 @@ class RunFold:
             "recipe": self.recipe_name,
             "operator": "" if began is None else began.operator,
             "lot": "" if began is None else began.lot,
+            "order_number": "" if began is None else began.order_number,
             "count": None if began is None else began.count,
             "emulated": [] if began is None else list(began.emulated_devices),
             "speed": self.speed,

@@ -84,6 +84,7 @@ class StartBody(Body):
     is_dry: bool = False
     cell: str = Field(default="", max_length=300)
     lot: Paper = ""
+    order_number: Paper = ""
     serials: tuple[Annotated[Paper, Field(min_length=1)], ...] = Field(
         default=(), max_length=SERIAL_MAX_COUNT
     )
@@ -110,9 +111,9 @@ class StartBody(Body):
     @model_validator(mode="after")
     def _no_part_of_a_dry_run(self) -> "StartBody":
         of_a_part = (
-            self.lot, self.parts_list, self.serials, self.serial_from, self.is_read,
-            self.part_temperature_c is not None, self.are_trays_empty, self.is_part_removed,
-            *(one.count for one in self.recipes),
+            self.lot, self.order_number, self.parts_list, self.serials, self.serial_from,
+            self.is_read, self.part_temperature_c is not None, self.are_trays_empty,
+            self.is_part_removed, *(one.count for one in self.recipes),
         )  # fmt: skip
         if self.is_dry and (len(self.recipes) != 1 or any(of_a_part)):
             raise ValueError("a dry run is of one recipe, and has no part")
@@ -141,6 +142,7 @@ class StartBody(Body):
         valued: dict[str, object] = {
             "--operator": who,
             "--lot": self.lot,
+            "--order": self.order_number,
             "--cell": self.cell,
             "--serial-from": self.serial_from,
             "--part-temperature": self.part_temperature_c,

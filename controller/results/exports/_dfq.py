@@ -38,8 +38,9 @@ def dfq_bytes(parts: Sequence[JudgedPart]) -> bytes:
     lines += _fields(
         "1",
         (
-            ("K1001", header.part),
+            ("K1001", header.papers.get("part_number", "") or header.part),
             ("K1002", header.cad),
+            ("K1041", header.papers.get("drawing_number", "")),
             ("K1053", header.run_id),
             ("K1900", "emulated cell, no production result" if header.emulated_devices else ""),
         ),
@@ -61,6 +62,7 @@ def dfq_bytes(parts: Sequence[JudgedPart]) -> bytes:
                 ("K0006", judged.header.lot),
                 ("K0009", f"operator {judged.header.operator}" if judged.header.operator else ""),
                 ("K0014", judged.header.serial),
+                ("K0053", judged.header.papers.get("order_number", "")),
             ),
         )
     text = LINE_END.join(lines) + LINE_END

@@ -381,6 +381,7 @@ def _notes(judged: JudgedPart) -> dict[str, str]:
         "recipe sha256": header.recipe_sha256,
         "CAD sha256": header.cad_sha256,
         "emulated": ", ".join(header.emulated_devices),
+        **{key.replace("_", " "): number for key, number in header.papers.items()},
     }
     if header.part_temperature_c is not None:
         notes["part temperature [C]"] = _number(header.part_temperature_c)

@@ -11,8 +11,10 @@ COLUMNS: Final = (
     "run", "number", "part", "serial", "lot", "operator", "recipe", "recipe_sha256", "cad_sha256",
     "start", "end", "emulated", "part_verdict", "balloon", "id", "label", "kind", "unit", "nominal",
     "lower", "upper", "source", "measured", "deviation", "U_k2", "verdict", "views", "reason",
-    "review", "review_who", "review_why", "review_at",
+    "review", "review_who", "review_why", "review_at", "part_number", "drawing_number", "revision",
+    "order_number", "gauge_id",
 )  # fmt: skip
+PAPER_COLUMNS: Final = COLUMNS[COLUMNS.index("part_number") :]
 # first characters from which a spreadsheet takes a text for a formula
 FORMULA_STARTS: Final = ("=", "+", "-", "@", "\t", "\r")
 
@@ -37,7 +39,7 @@ def csv_text(parts: Sequence[JudgedPart]) -> str:
             row = (
                 *about, c.balloon, c.id, c.label, c.kind, c.unit, c.nominal, c.lower, c.upper,
                 c.source, c.measured, c.deviation, c.U, c.verdict, " ".join(c.views), c.reason,
-                *by_person,
+                *by_person, *(h.papers.get(key, "") for key in PAPER_COLUMNS),
             )  # fmt: skip
             writer.writerow([csv_cell(value) for value in row])
     return out.getvalue()

@@ -6,7 +6,7 @@ Lengths are mm, angles degrees, areas mm2, `*_fraction` 0..1, times ISO 8601 UTC
 | key | what |
 |---|---|
 | `schema`, `schema_version` | ``cellctl.result``, 1 |
-| `header` | `part`, `number`, `serial`, `lot`, `operator`, `recipe`, `cad`, `cell` with their `_sha256`, `calibrated`, `calibration`, `software`, `start`, `end`, `part_temperature_c`, `run`, `emulated_devices` |
+| `header` | `part`, `number`, `serial`, `lot`, `operator`, `recipe`, `cad`, `cell` with their `_sha256`, `calibrated`, `calibration`, `software`, `start`, `end`, `part_temperature_c`, `run`, `emulated_devices`; `papers`: `part_number`, `drawing_number`, `revision`, `order_number`, `gauge_id`, those that are known |
 | `verdict`, `reasons` | `pass`, `fail`, `indeterminate`, `not evaluated` or `no verdict` |
 | `reviews[]` | persons' verdicts, oldest first; the last counts: `at`, `verdict` (accept, reject), `who`, `why`, `machine`, `findings` (by number: real, false_alarm) |
 | `decision_rule` | how value and uncertainty become a verdict |
@@ -41,6 +41,7 @@ def result_json(judged: JudgedPart) -> dict[str, Any]:
             "serial": header.serial or None,
             "lot": header.lot or None,
             "operator": header.operator or None,
+            "papers": dict(header.papers),
             "recipe": header.recipe or None,
             "recipe_sha256": header.recipe_sha256 or None,
             "cad": header.cad or None,

@@ -60,7 +60,6 @@ def judged_part(
 def _header(record: RunRecord, part: PartReport) -> Header:
     ordered, cell = record.recipe_of(part), record.cell
     serial, lot = record.label_of(part)
-    papers = ordered.recipe.get("papers") or {}
     name = str(ordered.recipe.get("name", "unknown"))
     cad = split_cad(Path(str(ordered.recipe.get("part", ""))))
     # in the order in which a run begins: first recipe, cell, parts, calibrations, other recipes
@@ -86,7 +85,7 @@ def _header(record: RunRecord, part: PartReport) -> Header:
         run_id=record.run_id,
         emulated_devices=record.emulated_devices,
         cell_settings=cell,
-        papers={key: str(number) for key, number in papers.items()},
+        papers=record.papers_of(part),
     )
 
 

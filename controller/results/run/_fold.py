@@ -79,6 +79,7 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
         files=began.files,
         operator=began.operator,
         lot=began.lot,
+        order_number=began.order_number,
         serials=began.serials,
         part_temperature_c=began.part_temperature_c,
         calibration=None if stood is None else stood.sentences,

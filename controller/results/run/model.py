@@ -486,7 +486,8 @@ class RunRecord:
     ordered : number of parts ordered
     first_broken_row : number of the first journal row whose hash does not fit; None if all fit
     files : sha256 of recipe, cell file and CAD files, by path
-    operator, lot, serials, part_temperature_c : as given with the order; may be empty or None
+    operator, lot, order_number, serials, part_temperature_c : as given with the order; may be empty
+        or None
     calibration : calibrations of the cell that did not count; None if the journal is older than
         they are
     dry : the steps of a dry run; None if the run was to inspect parts
@@ -514,6 +515,7 @@ class RunRecord:
     files: Mapping[str, str] = field(default_factory=dict)
     operator: str = ""
     lot: str = ""
+    order_number: str = ""
     serials: tuple[str, ...] = ()
     part_temperature_c: float | None = None
     calibration: tuple[str, ...] | None = None
@@ -537,6 +539,13 @@ class RunRecord:
     def label_of(self, part: PartReport) -> tuple[str, str]:
         """Return serial number and lot of a part; empty if it has none."""
         return label_of(part.number, self.serials, self.lot, part.resumed, part.identified)
+
+    def papers_of(self, part: PartReport) -> Mapping[str, str]:
+        """Return the numbers in a part's papers, by key: the recipe's, and the order as given."""
+        found = self.recipe_of(part).recipe.get("papers") or {}
+        given = self.order_number if part.resumed is None else part.resumed.order_number
+        papers = {**found, **({"order_number": given} if given else {})}
+        return {key: str(number) for key, number in papers.items() if number}
 
     @property
     def cell_name(self) -> str:

@@ -74,6 +74,7 @@ class RunTakt:
     run_id: str
     recipe: str
     lot: str
+    order_number: str
     operator: str
     start: datetime
     parts: tuple[PartTakt, ...]
@@ -141,6 +142,7 @@ def _fold(run_id: str, log: Sequence[LogEntry], elsewhere: Set[tuple[str, int | 
         run_id=run_id,
         recipe=recipe,
         lot=began.lot,
+        order_number=began.order_number,
         operator=began.operator,
         start=log[0].at,
         parts=parts,

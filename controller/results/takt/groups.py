@@ -12,6 +12,7 @@ GROUPS: Final[Mapping[str, Callable[[RunTakt, PartTakt], str]]] = {
     "run": lambda run, part: run.run_id,
     "recipe": lambda run, part: part.recipe,
     "lot": lambda run, part: run.lot,
+    "order": lambda run, part: run.order_number,
     "operator": lambda run, part: run.operator,
     "day": lambda run, part: f"{run.start:%Y-%m-%d}",
     "part": lambda run, part: f"{run.run_id} {part.number}",
@@ -80,7 +81,7 @@ def grouped(runs: Iterable[RunTakt], by: str) -> tuple[TaktGroup, ...]:
     for run in runs:
         for part in run.parts:
             found.setdefault(name_of(run, part), []).append((run, part))
-        if by in ("run", "lot", "operator", "day"):  # not divided among the parts
+        if by in ("run", "lot", "order", "operator", "day"):  # not divided among the parts
             found.setdefault(name_of(run, run.around), []).append((run, run.around))
     return tuple(_group(name, members) for name, members in found.items())
 

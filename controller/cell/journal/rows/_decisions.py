@@ -152,6 +152,7 @@ class PartResumed(Body):
     run: str
     serial: str = ""
     lot: str = ""
+    order_number: str = ""
 
 
 class PartFollowed(Body):

@@ -39,6 +39,7 @@ class RunBegan(Body):
     software: Mapping[str, Text] = Field(default_factory=dict)
     operator: str = ""
     lot: str = ""
+    order_number: str = ""
     serials: tuple[str, ...] = ()
     part_temperature_c: float | None = None
     is_dry: bool = False

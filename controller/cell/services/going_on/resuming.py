@@ -80,7 +80,11 @@ class Resumption:
         if proposal.is_arm_alone:
             self._restore_trail(proposal)
             return proposal
-        record.note(rows.PartResumed(run=left.run, serial=left.serial, lot=left.lot))
+        record.note(
+            rows.PartResumed(
+                run=left.run, serial=left.serial, lot=left.lot, order_number=left.order_number
+            )
+        )
         if self.product is not None:
             record.identify_part(self.product, left.serial, left.lot)
         for number in self.labels.take_over(left.serial, left.serials):

@@ -87,6 +87,7 @@ function factsOf({ status, run, unfinished }) {
   if (run.part) found.push([t("Part"), run.count ? t("{k} of {n}", { k: run.part, n: run.count }) : String(run.part)]);
   if (run.at_hand.serial) found.push([t("Serial number"), run.at_hand.serial]);
   if (run.lot) found.push([t("Lot"), run.lot]);
+  if (run.order_number) found.push([t("Order number"), run.order_number]);
   if (run.operator) found.push([t("Operator"), run.operator]);
   found.push([t("Custody"), t(unfinished ? unfinished.custody : status ? status.custody : run.custody)]);
   if (status && status.step_count) found.push([t("Step"), t("{k} of {n}", { k: status.step, n: status.step_count })]);

@@ -87,6 +87,7 @@ function fill(batch) {
     choose($("start-recipes").lastElementChild, one.recipe, one.count);
   }
   $("start-lot").value = batch.lot;
+  $("start-order").value = batch.order_number;
   $("start-serials-how").value = batch.serial_from ? "across" : batch.is_read ? "scan" : "";
   $("start-serial-from").value = batch.serial_from;
   $("start-temperature").value = batch.part_temperature_c ?? "";
@@ -96,7 +97,7 @@ function fill(batch) {
   const parts = [...document.querySelectorAll("#start-recipes .pair")].map((box) =>
     `${box.querySelector(".recipe").value} × ${box.querySelector(".count").value}`);
   $("again-words").textContent = [
-    ...parts, batch.lot && t("lot {lot}", { lot: batch.lot }),
+    ...parts, batch.lot && t("lot {lot}", { lot: batch.lot }), batch.order_number && t("order {order}", { order: batch.order_number }),
     batch.serial_from ? t("serial numbers count on") : batch.is_read ? t("serial numbers are read") : "", $("start-devices").textContent,
   ].filter(Boolean).join(" · ");
 }
@@ -208,6 +209,7 @@ async function start(event) {
     recipes: how === "file" ? [] : recipes,
     parts_list: how === "file" ? list.key : "",
     lot: $("start-lot").value.trim(),
+    order_number: $("start-order").value.trim(),
     serial_from: isCounted(how) ? $("start-serial-from").value.trim() : "",
     goes_on: how === "across",
     is_read: how === "scan",
