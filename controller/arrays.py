@@ -1,4 +1,4 @@
-"""Names for arrays by what they hold; each function says their shape, unit and frame.
+"""Names of array types; each function states their shape, unit and frame.
 
 And what NumPy is slow at, the same to the last bit: sums over an axis of two or three, and medians
 of few values.

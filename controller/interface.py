@@ -279,7 +279,7 @@ def recognise_picture(
     parts: Sequence[FileName],
     lighting: Literal["backlit", "front", "auto"] = "auto",
 ) -> tuple[Sighting, ...]:
-    """Return what is on the table, the largest object first; () if it is empty.
+    """Return the objects on the table, largest first; () if it is empty.
 
     Parameters
     ----------
@@ -298,7 +298,7 @@ def recognise_picture(
 
 
 def judge_pictures(view_set: FileName, *, recipe: FileName | None = None) -> PartInspection:
-    """Return what the stored pictures of a part come to, as `cellctl inspect` judges them.
+    """Return the verdict on the stored pictures of a part, as `cellctl inspect` gives it.
 
     Parameters
     ----------

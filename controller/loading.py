@@ -1,4 +1,4 @@
-"""Importing what computes, without the garbage collector.
+"""Imports of the computing modules, without the garbage collector.
 
 A command imports modules of some hundred thousand objects. All of them stay, and the collector
 would look at each several times while they come: a seventh of the time to the first line of work.
@@ -13,7 +13,7 @@ _is_frozen = False  # whether somebody has frozen: to count what is frozen, Pyth
 
 @contextmanager
 def loading() -> Iterator[None]:
-    """Import without collection. What is there after the first time is never looked at again."""
+    """Import without collection; the objects of the first import are never examined again."""
     global _is_frozen
     was_enabled = gc.isenabled()
     gc.disable()

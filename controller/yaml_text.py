@@ -41,7 +41,7 @@ MAX_PROBLEM_COUNT: Final = 10  # problems of one text that are reported at once
 
 
 class YamlTextError(ValueError):
-    """A text that cannot be read, or does not hold what it should; names file and line."""
+    """A text that is unreadable or has the wrong content; names file and line."""
 
 
 class WrongKeyError(ValueError):
@@ -54,7 +54,7 @@ class WrongKeyError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
-    """What a kind of YAML text may hold, and the messages to its writer.
+    """Schema of a kind of YAML text, and the messages to its writer.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class YamlText:
         return self.sentence(location, f"{words.get(kind, error['msg'])} {found}")
 
     def _twin(self, model: type[BaseModel], location: Location) -> str | None:
-        """Return the message on a key that stands in the text under its new name, too."""
+        """Return the message on a key that is also given under its new name."""
         *section, key = location
         for one in _models_at(model, tuple(section)):
             for name, *old in map(_spellings, one.model_fields, one.model_fields.values()):
@@ -212,7 +212,7 @@ def keys_at(model: type[BaseModel], location: Location) -> list[str]:
 
 
 def _models_at(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
-    """Return the models that the section at a location may be of."""
+    """Return the possible models of the section at a location."""
     here: list[Any] = [model]
     for key in location:
         here = [section for one in here for section in _below(one, key)]
@@ -220,7 +220,7 @@ def _models_at(model: type[BaseModel], location: Location) -> list[type[BaseMode
 
 
 def _below(section: Any, key: int | str) -> list[Any]:  # noqa: ANN401 - a type is any value
-    """Return the types that what stands under a key of a section may have."""
+    """Return the possible types of the value under a key of a section."""
     if _is_model(section):
         found = _fields(section).get(str(key))
         return [] if found is None else _types_in(found)

@@ -211,7 +211,7 @@ class CellClock:
 
     @property
     def missed_wall_s(self) -> float:
-        """The time that this process has missed on a clock that waits for nobody [s]."""
+        """The time that this process has missed on a clock that does not wait [s]."""
         return self._attendance.lost_s()
 
     @property

@@ -36,7 +36,7 @@ class BadReplyError(DeviceError):
 
 
 class WrongDeviceError(DeviceError):
-    """Something answers at this address, but it is not the device that belongs there."""
+    """A device answers at this address, but not the one that belongs there."""
 
 
 class RefusedError(DeviceError):
@@ -53,7 +53,7 @@ class RefusedError(DeviceError):
 
 
 class WatchdogOffError(DeviceError):
-    """The device's own watchdog did not trip when it had to: it protects nothing."""
+    """The device's own watchdog failed to trip: it protects nothing."""
 
 
 class FaultError(DeviceError):
@@ -77,4 +77,4 @@ class StalledError(DeviceError):
 
 
 class ArmStalledError(StalledError):
-    """An arm ended short of its target: it may have met something. It is stopped."""
+    """An arm ended short of its target: it may have hit something. It is stopped."""

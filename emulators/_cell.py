@@ -259,7 +259,7 @@ class Cell:
         return {int(k) for k in self._feed_rng.permutation(may_wait)[:over]}
 
     def _require_kept(self, index: int, rest: Rest) -> None:
-        """Raise LayoutError if a part that was put down in a stable pose has tipped out of it."""
+        """Raise LayoutError if a part put down in a stable pose has tipped out of it."""
         part = self.world.parts[index]
         down = part.T_world_part[:3, :3] @ rest.down
         off_rad = math.acos(max(-1.0, min(1.0, -float(down[2]))))
@@ -494,7 +494,7 @@ class Cell:
         return tuple(self._supply_changes)
 
     def tick(self) -> None:
-        """Let the clock run on, up to where the world is, and not past an overdue picture."""
+        """Let the clock run on, up to the world's time, and not past an overdue picture."""
         if self._shared_clock is not None:
             self._shared_clock.tick(self.now_s, self._picture_due_s(self._shared_clock))
 

@@ -1,4 +1,4 @@
-"""A person guides the finger tips of a limp arm by hand, and sets them down where eyes see it.
+"""A person guides the finger tips of a limp arm by hand, and sets them down by eye.
 
 Motors that hold do not yield. What the person aims at is seen in the cell; no answer has it.
 """

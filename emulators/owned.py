@@ -1,4 +1,4 @@
-"""An emulator's traces on the machine: its owner's alone, and gone when the emulator is.
+"""An emulator's files on the machine: its owner's alone, and removed with the emulator.
 
 Its folder is locked for as long as the process lives, however it ends. What one that was killed has
 left, its picture process takes away when it is hung up on, or else the next emulator that starts.

@@ -1,4 +1,4 @@
-"""The traces of killed emulators, removed at once: folders, mounts, clocks."""
+"""The files of killed emulators, removed at once: folders, mounts, clocks."""
 
 from emulators.camera_v4l2 import unmount
 from emulators.owned import sweep

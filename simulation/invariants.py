@@ -169,7 +169,7 @@ class Watch:
     # --- the journal ----------------------------------------------------------------------------
 
     def remember_rows(self) -> None:
-        """Note what the journal holds now; `check_journal` wants it all there later."""
+        """Record the present content of the journal; `check_journal` requires it all later."""
         path = self.cell.journal_path
         if path.exists():
             try:

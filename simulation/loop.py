@@ -104,7 +104,7 @@ class SimulatedLoop(VirtualTimeLoop):
         self.ports.cut(process)
 
     def hold_up(self, process: SimulatedProcess, duration_s: float) -> None:
-        """Let a process have no turn for so long; what falls due meanwhile runs afterwards."""
+        """Stall a process for a time; events due meanwhile run afterwards."""
         process.late_until_s = self.time() + duration_s
         nobody = contextvars.Context()
         self.call_at(process.late_until_s, self._go_on, process, context=nobody)

@@ -77,7 +77,7 @@ class _End(asyncio.Transport):
         """Flow control is not needed: queues are short."""
 
     def resume_reading(self) -> None:
-        """See `pause_reading`."""
+        """Pause; see `pause_reading`."""
 
     def get_write_buffer_size(self) -> int:
         """Return 0: all data is on its way."""

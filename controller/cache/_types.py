@@ -55,7 +55,7 @@ def make_codec(kind: object, special: Mapping[Any, Codec] | None = None) -> Code
 
 
 def one_of(kinds: Sequence[type], special: Mapping[Any, Codec] | None = None) -> Codec:
-    """Return the codec of a base class whose values are of one of these classes."""
+    """Return the codec of a base class whose values belong to one of these classes."""
     return _union([make_codec(kind, special) for kind in kinds])
 
 
@@ -138,7 +138,7 @@ def _make(kind: object, special: Mapping[Any, Codec], path: tuple[object, ...]) 
 
 
 def _unaliased(alias: Any, args: tuple[object, ...]) -> object:  # noqa: ANN401 - two classes are it
-    """Return what a type alias of PEP 695 stands for, as NumPy's `NDArray` is one from 2.5 on.
+    """Return the type behind an alias of PEP 695, such as NumPy's `NDArray` from 2.5 on.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ DTYPES = ("b1", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f2", "f4", "f8"
 
 
 class CacheError(Exception):
-    """A file is damaged, foreign, planted, or of another key."""
+    """A damaged, foreign or planted file, or one with another key."""
 
 
 class TooLargeError(Exception):

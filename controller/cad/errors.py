@@ -1,4 +1,4 @@
-"""Errors of CAD files; each message names the file and what to do about it."""
+"""Errors of CAD files; each message names the file and the next step."""
 
 
 class CadError(Exception):
@@ -26,7 +26,7 @@ class UnitCadError(CadError):
 
 
 class CoordinatesCadError(CadError):
-    """Coordinates that are not numbers, or beyond any part and any cell."""
+    """Coordinates that are not numbers, or that exceed any part and any cell."""
 
 
 class OpenCadError(CadError):
@@ -34,11 +34,11 @@ class OpenCadError(CadError):
 
 
 class InsideOutCadError(CadError):
-    """Triangles face inwards, all of them or some."""
+    """Some or all triangles face inwards."""
 
 
 class SelfIntersectingCadError(CadError):
-    """The surface runs through itself, lies on itself or touches itself."""
+    """The surface intersects, overlaps or touches itself."""
 
 
 class ManySolidsCadError(CadError):

@@ -1,4 +1,4 @@
-"""Many parts at once: what can be worked out before a run, made ahead by other processes.
+"""Many parts at once: results computed ahead of a run by other processes.
 
 They only fill the cache (docs/parts.md, "Catalogues"). Whoever prints or plans reads from it as
 ever, and makes what is not there; so a process that ends early costs time, not correctness.

@@ -1,4 +1,4 @@
-"""The order of the work: parts are finished in the order in which they are wanted."""
+"""The order of the work: parts are finished in the order of demand."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
@@ -16,7 +16,7 @@ Finish = Callable[[Any], None]
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """What was made ahead of one part.
+    """Results computed ahead for one part.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Made:
 
 @dataclass(slots=True, eq=False)
 class _Part:
-    """How far a part is."""
+    """Progress of a part."""
 
     work: Work
     compiled: Compiled | None = None
@@ -40,7 +40,7 @@ class _Part:
 
 @dataclass(order=True, slots=True)
 class _Task:
-    """A task that nobody has yet; parts that are wanted earlier come first."""
+    """An unassigned task; parts that are wanted earlier come first."""
 
     number: int
     turn: int
@@ -70,7 +70,7 @@ class Ahead:
         self._feed()
 
     def wait_for(self, number: int) -> Made:
-        """Return what was made of a part, when all of it is made or the pool has ended.
+        """Return the results of a part once they are complete or the pool has ended.
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class Ahead:
         task.finish(result)
 
     def _feed(self) -> None:
-        """Hand out what is next, so much that no worker waits."""
+        """Hand out the next tasks, enough to keep every worker busy."""
         while (
             self._waiting and self.failure is None and len(self._running) < AHEAD * self._pool.count
         ):
@@ -118,7 +118,7 @@ class Ahead:
         heappush(self._waiting, _Task(number, self._turn, call, arguments, finish))
 
     def _compiled(self, number: int) -> Finish:
-        """Return what follows compiling: one task for all poses, or one for each share of them."""
+        """Return the tasks after compiling: one for all poses, or one for each share of them."""
         part = self._parts[number]
 
         def finish(result: Compiled) -> None:

@@ -1,4 +1,4 @@
-"""Who does the work: processes of this machine, or those of a Dask cluster."""
+"""The workers: processes of this machine, or those of a Dask cluster."""
 
 import os
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ CONNECT_S: Final = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Jobs:
-    """What ``--jobs`` names.
+    """Value of ``--jobs``.
 
     Attributes
     ----------
@@ -40,14 +40,14 @@ LOCAL: Final = Jobs()
 
 @dataclass(frozen=True, slots=True)
 class Pool:
-    """An executor, and how many tasks it does at a time."""
+    """An executor, and the number of tasks it runs at a time."""
 
     executor: Executor
     count: int
 
 
 def jobs_among(text: str | None) -> Jobs:
-    """Return what ``--jobs`` names: a number, ``all``, or the address of a Dask scheduler.
+    """Parse ``--jobs``: a number, ``all``, or the address of a Dask scheduler.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def jobs_among(text: str | None) -> Jobs:
 
 @contextmanager
 def open_pool(jobs: Jobs) -> Iterator[Pool | None]:
-    """Yield the pool, None where this process works alone; at the end, drop what is not done.
+    """Yield the pool, None where this process works alone; at the end, drop unfinished work.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a worker does for one part: each task fills the cache and returns little."""
+"""A worker's tasks for one part: each fills the cache and returns little."""
 
 import time
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from controller.setup.planner import planner_setup
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What is to be made of one part.
+    """Work to do on one part.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Work:
 
 @dataclass(frozen=True, slots=True)
 class Compiled:
-    """What came of compiling.
+    """Result of compiling.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ def is_made(work: Work) -> bool:
 
 
 def compile_one(work: Work) -> Compiled:
-    """Return what came of compiling a part into the cache, with its views if there is a camera.
+    """Compile a part into the cache, with its views if there is a camera; return the result.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def prepare_one(work: Work) -> None:
 
 
 def certify_some(work: Work, poses: Sequence[int]) -> None:
-    """Certify stable poses of a compiled part, and prepare it before if nobody has.
+    """Certify stable poses of a compiled part; prepare the part first if that is not done yet.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ _last: list[tuple[Work, CompiledPart, PlanCache]] = []
 
 
 def _planning(work: Work) -> tuple[CompiledPart, PlanCache]:
-    """Return a part and its plans; a worker goes on with the part that it had last."""
+    """Return a part and its plans; a worker continues with its previous part."""
     assert work.cell is not None
     of_plans = replace(work, camera=None)
     if not _last or _last[0][0] != of_plans:

@@ -1,4 +1,4 @@
-"""Where trays stand and how the table lies, from points that the arm's finger tips touched.
+"""Poses of trays and table, from points touched by the arm's finger tips.
 
 The arm that places parts in a tray touches its corners: what is wrong with the arm there moves
 both alike, and a part comes down where the corner was felt.
@@ -128,7 +128,7 @@ def fit_plane(points_mm: FloatArray) -> PlaneFit:
 
 
 def play_uncertainty_mm(layout: CellLayout, q: FloatArray, play_deg: Mapping[str, float]) -> float:
-    """Return how far finger tips may be off because gears of a guided arm have play.
+    """Return the error of finger tips caused by gear play in a guided arm.
 
     A person leads the joint and the motor follows: on which flank each gear is, nobody knows.
 
@@ -149,7 +149,7 @@ def play_uncertainty_mm(layout: CellLayout, q: FloatArray, play_deg: Mapping[str
 
 
 def aim_uncertainty(guided_mm: float, count: int) -> float:
-    """Return what a person leaves open of a place in the plane.
+    """Return the uncertainty of a place that a person set by eye, in the plane.
 
     Parameters
     ----------

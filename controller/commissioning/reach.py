@@ -1,4 +1,4 @@
-"""Which places the calibrated arm gets to: with its fingers down, and beyond what is uncertain."""
+"""Reach of the calibrated arm: places with its fingers down, beyond all uncertainty."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -75,7 +75,7 @@ def unreached(
 
 
 def _touched(scene: Scene, rows: FloatArray) -> str:
-    """Return what most of the configurations (n, 6) come too close to."""
+    """Return the obstacle that most of the configurations (n, 6) come too close to."""
     names = scene.contacts(rows, MARGIN_MM)
     most = int(np.bincount(names[names >= 0]).argmax())
     return scene.names()[most].replace("_", " ")

@@ -1,4 +1,4 @@
-"""Printed boards as areas in millimetres: which are black, and where they are on a sheet of paper.
+"""Printed boards as areas in millimetres: their black areas, and the layout on the sheet.
 
 Frame of a face: the upper left corner of the plate, x to the right, y down [mm]. A face shows its
 print as somebody sees it who looks at it with the bare side down.
@@ -26,7 +26,7 @@ Area = tuple[FloatArray, ...]
 
 
 class SheetError(ValueError):
-    """A board has no room on the paper; the message says what does."""
+    """A board that does not fit on the paper; the message names a size that does."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +84,7 @@ def faces_of(board: BoardSection) -> tuple[Face, ...]:
 
 
 def black_areas(target: Target) -> tuple[Area, ...]:
-    """Return what is black in a print, from its upper left corner [mm], y down."""
+    """Return the black areas of a print, from its upper left corner [mm], y down."""
     return tuple(_charuco(target) if isinstance(target, Charuco) else _chessboard(target))
 
 
@@ -140,7 +140,7 @@ def _chessboard(target: Chessboard) -> Iterator[Area]:
 
 
 def _charuco(target: Charuco) -> Iterator[Area]:
-    """Yield the squares without a marker, and what is black of each marker."""
+    """Yield the squares without a marker, and the black areas of each marker."""
     board = charuco_board(target)
     (columns, rows), side = target.squares, target.square_mm
     # OpenCV: four corners of each marker from the upper left, y down

@@ -1,4 +1,4 @@
-"""A board's own file, and target.json: the board, how it was placed in each picture, the world."""
+"""A board's own file, and target.json: the board, its pose in each picture, the world."""
 
 from math import radians
 from pathlib import Path
@@ -117,13 +117,13 @@ class BoardSection(Section):
         return self
 
     def build(self) -> Target:
-        """Return the board, as its front shows it."""
+        """Return the board of the front."""
         if self.inner_corners is not None:
             return Chessboard(self.inner_corners, self.square_mm)
         return self._charuco(self.first_marker)
 
     def build_back(self) -> Charuco | None:
-        """Return the board on the other face; None if that is bare."""
+        """Return the board on the other face; None for a bare one."""
         if self.back_first_marker is None:
             return None
         return self._charuco(self.back_first_marker)
@@ -195,7 +195,7 @@ class CalibrationTarget(BoardSection):
         return self
 
     def placed(self, image: str) -> Placed:
-        """Return how the board lies in a picture of `images`."""
+        """Return the placement of the board in a picture of `images`."""
         return Placed(next(p.placed for p in self.images if p.image == image))
 
     def entry_of(self, path: Path) -> str | None:

@@ -56,7 +56,7 @@ class FaultStep(Section):
 
 
 def _in_order(steps: tuple[FaultStep, ...]) -> tuple[FaultStep, ...]:
-    """Return the list; raise ValueError unless its last action, and it alone, ends the matter."""
+    """Return the list; raise ValueError unless its last action, and no other, ends it."""
     if not steps or steps[-1].do not in ENDS:
         raise ValueError(f"the last action must end the list: {', '.join(ENDS)}")
     for step in steps[:-1]:

@@ -31,7 +31,7 @@ ConditionText = Annotated[str, AfterValidator(_condition)]
 
 
 class InterlockRuleSection(Section):
-    """One rule: while `when` is true, or may be, `require` must be true.
+    """One rule: while `when` is true or unknown, `require` must be true.
 
     Attributes
     ----------

@@ -82,7 +82,7 @@ PaperNumber = Annotated[str, Field(max_length=80)]
 
 
 class PapersSection(Section):
-    """What the papers of the part name it by; reports show what is given.
+    """Identification of the part on its papers; reports print the values given.
 
     Attributes
     ----------

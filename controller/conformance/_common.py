@@ -1,4 +1,4 @@
-"""Requirements that several kinds of devices share, made of how each is read."""
+"""Requirements shared by several kinds of devices, built from the readings of each."""
 
 from __future__ import annotations
 

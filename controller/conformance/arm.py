@@ -1,4 +1,4 @@
-"""What every arm must do."""
+"""Requirements on every arm."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def _steps(bench: Bench, rad: float, mm: float) -> NDArray[np.float64]:
 
 
 def _inside(bench: Bench, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return joints (6,) as they are, or moved off the end of a range that they read beyond."""
+    """Return joints (6,), moved into the range where they read beyond its end."""
     slack = 2.0 * np.diag(_steps(bench, WITHIN_RAD, WITHIN_MM))
     for nudge in (np.zeros(q.shape), *slack, *-slack):
         if bench.facts["within_limits"](q + nudge):
@@ -101,7 +101,7 @@ def _inside(bench: Bench, q: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _beside(bench: Bench, q: NDArray[np.float64], joint: int, step: float) -> NDArray[np.float64]:
-    """Return joints (6,) with one of them moved by a step, to the side where there is room.
+    """Return joints (6,) with one of them moved by a step, to the free side.
 
     Raises
     ------
@@ -234,7 +234,7 @@ async def _jaw_units(bench: Bench) -> Figure:
 
 
 async def _silence(bench: Bench) -> Figure:
-    """Within `arm_silent_s` of the cell file a silent line is known, whoever reads."""
+    """A silent line is noticed within `arm_silent_s` of the cell file, whoever reads."""
     device = await bench.opened()
     limit_s = bench.bounds.arm_silent_s
     await bench.line.silence()

@@ -1,4 +1,4 @@
-"""What every camera must do."""
+"""Requirements on every camera."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ async def _frame(bench: Bench) -> Any:  # noqa: ANN401  (the driver's own frame)
 
 
 def _frame_limit_s(bench: Bench) -> float:
-    """Return how long a frame may take: two periods, an exposure, and what it may be late [s]."""
+    """Return the time limit of a frame: two periods, an exposure, and its allowed delay [s]."""
     capture = bench.facts["capture"]
     return float(2.0 / capture.fps + capture.exposure_s + bench.bounds.frame_late_s)
 

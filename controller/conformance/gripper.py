@@ -1,4 +1,4 @@
-"""What every fixed gripper must do."""
+"""Requirements on every fixed gripper."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ async def _nothing_there(bench: Bench) -> Figure:
 
 
 async def _under_way(bench: Bench, share: float) -> tuple[Any, asyncio.Future[Any]]:
-    """Return the device and a move of it that has begun."""
+    """Return the device and a move that it has begun."""
     device = await _ready(bench)
     await device.open_to((1.0 - share) * device.max_opening_mm)
     move = asyncio.ensure_future(device.open_to(share * device.max_opening_mm))
@@ -126,7 +126,7 @@ async def _under_way(bench: Bench, share: float) -> tuple[Any, asyncio.Future[An
 
 
 async def _at_rest(bench: Bench, target_mm: float, limit_mm: float) -> float:
-    """Return how far the jaws still moved within a while [mm]."""
+    """Return the distance that the jaws still moved within a while [mm]."""
     device = bench.device
     first = await device.status()
     await bench.clock.sleep(0.2)

@@ -1,4 +1,4 @@
-"""What every I/O block must do."""
+"""Requirements on every I/O block."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ async def _changes(bench: Bench) -> Figure:
 
 
 async def _wait(bench: Bench) -> None:
-    """Wait for what does not happen: that an input which is known becomes the other value."""
+    """Wait to see that a known input does not change to the other value."""
     device, name = bench.device, bench.facts["inputs"][0]
     is_ok = device.signal(name) is Signal.OK
     await device.wait_for(name, Signal.NOT_OK if is_ok else Signal.OK)

@@ -1,4 +1,4 @@
-"""What every lamp unit must do."""
+"""Requirements on every lamp unit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ async def _usable(bench: Bench) -> None:
 
 
 async def _instants(bench: Bench, *, settle: bool) -> tuple[float, float]:
-    """Light a lamp; return the instant before, and the one from which on it is lit [s]."""
+    """Light a lamp; return the instant before, and the instant from which it is lit [s]."""
     device = bench.device
     asked_s = bench.clock.now_s()
     since_s = await device.set({device.names[0]: 0.5}, settle=settle)

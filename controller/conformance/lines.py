@@ -1,4 +1,4 @@
-"""How the line between a driver and its device is disturbed: by a relay, a verb, or a person."""
+"""Disturbances of the line between a driver and its device: by a relay, a verb, or a person."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Line(Protocol):
 
 
 class Relay:
-    """Stands between a driver and a device on a TCP port, on a port of its own.
+    """A relay between a driver and a device on a TCP port, on a port of its own.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Relay:
         self._drop()
 
     async def mend(self) -> None:
-        """Let everything through again. What was lost meanwhile stays lost."""
+        """Let everything through again; bytes lost meanwhile stay lost."""
         self._is_silent = self._is_cut = False
 
     async def aclose(self) -> None:

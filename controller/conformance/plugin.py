@@ -70,7 +70,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 class _DeviceNode(pytest.Collector):
-    """A device, of which each requirement is an item."""
+    """A device; each requirement on it is an item."""
 
     def collect(self) -> list[pytest.Item]:
         """Return nothing: the items are made all at once."""
@@ -96,7 +96,7 @@ class _RequirementItem(pytest.Item):
             pytest.fail(f"{outcome.text}\n{self._device}: {outcome.message}", pytrace=False)
 
     def reportinfo(self) -> tuple[Path, None, str]:
-        """Return where it stands."""
+        """Return its location."""
         return self.path, None, f"{self._device}: {self._requirement.text}"
 
 
@@ -184,7 +184,7 @@ class _Conformance:
         self._written = write_report(findings, path)
 
     def pytest_terminal_summary(self, terminalreporter: Any) -> None:  # noqa: ANN401  (pytest's own)
-        """Show every outcome with its figure, and where the report is."""
+        """Print every outcome with its figure, and the path of the report."""
         if self._suite is None:
             return
         terminalreporter.section("devices")
@@ -198,7 +198,7 @@ class _Conformance:
             terminalreporter.line(f"report: {path}")
 
     def _prompt(self, request: str) -> bool:
-        """Show a request on the terminal; return whether somebody answers yes.
+        """Print a request on the terminal; return True if somebody answers yes.
 
         Who answers has to see the device: a pipe, or a file, is nobody.
         """

@@ -1,4 +1,4 @@
-"""The report to sign: what each device did, with place for name, date and signature."""
+"""The report to sign: the results of each device, with space for name, date and signature."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BADGES: Final = {MET: "pass", NOT_MET: "fail", NOT_TRIED: "doubt"}
 
 
 def write_report(findings: Findings, path: Path) -> list[Path]:
-    """Write the report and its JSON; return where they are.
+    """Write the report and its JSON; return their paths.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a requirement is, and what trying it on a device ends with."""
+"""A requirement, and the possible results of a try on a device."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ READS: Final = frozenset(
 
 
 class NotMetError(Exception):
-    """A device does not do what is required of it; the message has what it did."""
+    """A device fails a requirement; the message has its behaviour."""
 
 
 class NotTriedError(Exception):
@@ -44,7 +44,7 @@ class NotTriedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """What was measured.
+    """Measured value.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """How long things may take, from the cell file [cell s].
+    """Time limits from the cell file [cell s].
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Bounds:
 
 
 class Stopwatch:
-    """Measures how long a device took, by its cell's clock.
+    """Measures the time of a device, by its cell's clock.
 
     It omits what this process missed, and what a clock that is shared with an emulated cell went
     on by during a last look (`CellClock.held`): the device is to blame for neither. A device is
@@ -115,11 +115,11 @@ class Stopwatch:
         self._attendance = own
 
     def now_s(self) -> float:
-        """Return the present instant [cell s]; good for differences alone."""
+        """Return the present instant [cell s]; valid only in differences."""
         return self._clock.unheld_s() - self._attendance.lost_s()
 
     def attending(self) -> AbstractAsyncContextManager[None]:
-        """Return what measures how late this process is while its block runs."""
+        """Return a gauge of this process's lateness while its block runs."""
         return self._attendance.beating()
 
 
@@ -143,7 +143,7 @@ class _Guarded:
 
 @dataclass(slots=True)
 class Bench:
-    """A device of a cell, and what is needed to try it.
+    """A device of a cell, and the means to try it.
 
     Attributes
     ----------
@@ -183,7 +183,7 @@ class Bench:
         return self.device
 
     async def close(self) -> None:
-        """Let go of the driver, whatever state it is in."""
+        """Release the driver, whatever its state."""
         device, self.device = self.device, None
         closing = getattr(device, "aclose", None) or getattr(device, "close", None)
         if closing is not None:
@@ -232,7 +232,7 @@ def require(holds: bool, message: str) -> None:
 
 @contextmanager
 def naming(when: str) -> Iterator[None]:
-    """Name when it was that a driver raised something.
+    """Record the instant at which a driver raised an error.
 
     Raises
     ------
@@ -247,7 +247,7 @@ def naming(when: str) -> Iterator[None]:
 
 
 async def timed(bench: Bench, limit_s: float, doing: Awaitable[Any], what: str) -> float:
-    """Return how long something took [cell s].
+    """Return a duration [cell s].
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ async def timed(bench: Bench, limit_s: float, doing: Awaitable[Any], what: str) 
 async def known_silent(
     bench: Bench, limit_s: float, reading: Callable[[], Awaitable[Any]], error: type[Exception]
 ) -> float:
-    """Return after how long a reading of a silent device was given up [cell s].
+    """Return the time after which a reading of a silent device was given up [cell s].
 
     Parameters
     ----------
@@ -343,7 +343,7 @@ async def require_refused(
 async def cancel_often(
     bench: Bench, reading: Callable[[], Awaitable[Any]], check: Callable[[], Awaitable[None]]
 ) -> Figure:
-    """Cancel an exchange at several instants; return how long the next answer took at most.
+    """Cancel an exchange at several instants; return the longest time to the next answer.
 
     Parameters
     ----------

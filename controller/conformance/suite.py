@@ -1,4 +1,4 @@
-"""The devices of a cell file, each with what it takes to try the requirements on it."""
+"""The devices of a cell file, each with the means to try the requirements on it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What trying a requirement on a device ended with.
+    """Result of a requirement tried on a device.
 
     Attributes
     ----------
@@ -60,13 +60,13 @@ class Outcome:
 
     @property
     def words(self) -> str:
-        """What was found, in a line."""
+        """The result in a line."""
         return self.message if self.figure is None else str(self.figure)
 
 
 @dataclass(slots=True)
 class Tried:
-    """A device and what came out.
+    """A device and its result.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Tried:
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """All that the report shows.
+    """Content of the report.
 
     Attributes
     ----------
@@ -334,7 +334,7 @@ class Suite:
         return PersonsLine(name, self._prompt)
 
     def findings(self) -> Findings:
-        """Return what the report shows."""
+        """Return the content of the report."""
         return Findings(
             self._cell.name,
             self._path,
@@ -344,7 +344,7 @@ class Suite:
         )
 
     def close(self) -> None:
-        """Let go of all devices, end the emulated cell."""
+        """Release all devices and end the emulated cell."""
         if not self._benches and not self._loop.is_running():
             self._stack.close()
             return
@@ -380,7 +380,7 @@ def _bounds(cell: Cell, clock: CellClock) -> Bounds:
 
 
 def _facts(cell: Cell, name: str, kind: str) -> dict[str, Any]:
-    """Return what the cell file has about a device."""
+    """Return the cell file's values for a device."""
     if kind == "lights":
         return {"lamps": tuple(Lamp(n, s.analog, s.relay) for n, s in cell.lamps.items())}
     if kind == "io":

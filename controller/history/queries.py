@@ -154,7 +154,7 @@ def list_parts(
 
 
 def find_parts(store: Store, word: str) -> tuple[Mapping[str, Any], ...]:
-    """Return the full records of a part, oldest first: several if it came more than once.
+    """Return the full records of a part, oldest first: several if it was inspected more than once.
 
     Parameters
     ----------

@@ -97,7 +97,7 @@ class Store:
 
     @contextmanager
     def writing(self) -> Iterator[Connection]:
-        """Yield a connection to write by; one process at a time has it, all or nothing is kept.
+        """Yield a connection for writing, to one process at a time; all is kept or nothing.
 
         Raises
         ------

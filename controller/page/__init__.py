@@ -1,4 +1,4 @@
-"""The page: what the cell does, in a browser, from a process of its own (ADR 68, 76).
+"""The page: the cell in a browser, served by a process of its own (ADR 68, 76).
 
 It reads the journal and acts on the cell through its control socket. `app.py` lists the screens,
 `frame` has what they share, `security` decides who may, `serving.py` serves. The extra `page`

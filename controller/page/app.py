@@ -30,7 +30,7 @@ def build_screens(setting: Setting) -> tuple[Screen, ...]:
 
 
 class Page(Starlette):
-    """The application, with what ends its long answers.
+    """The application, with the end of its long answers.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Page(Starlette):
 
 
 def build_app(frame: Frame) -> Page:
-    """Return the application; what runs beside a screen runs while it is served."""
+    """Return the application; each screen's background task runs while it is served."""
 
     @asynccontextmanager
     async def beside(_: Starlette) -> AsyncIterator[None]:

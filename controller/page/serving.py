@@ -30,7 +30,7 @@ END_WALL_S: Final = 2
 
 @dataclass(frozen=True, slots=True)
 class Serving:
-    """How the page is served.
+    """Options of the server.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Serving:
 
 
 class PatientProtocol(H11Protocol):
-    """uvicorn's protocol, but a request whose header does not arrive in time is given up.
+    """uvicorn's protocol with a time limit for the header of a request.
 
     Where there are too many connections, of one address or in all, the one that has been idle for
     longest is given up, too; a new one is where no other is idle.
@@ -64,7 +64,7 @@ class PatientProtocol(H11Protocol):
         self._make_room()
 
     def data_received(self, data: bytes) -> None:
-        """Take what has arrived; wait for the rest of a header."""
+        """Take the bytes that have arrived; wait for the rest of a header."""
         super().data_received(data)
         if self.is_idle:
             if self._waiting is None:
@@ -84,7 +84,7 @@ class PatientProtocol(H11Protocol):
 
     @property
     def is_idle(self) -> bool:
-        """No request has arrived whole as far as its header, or it is answered."""
+        """No request is complete as far as its header, or it is answered."""
         return self.cycle is None or self.cycle.response_complete
 
     @property
@@ -124,7 +124,7 @@ class PatientProtocol(H11Protocol):
 
 
 class Server(uvicorn.Server):
-    """uvicorn's server, but what would go on for long is ended before it waits for the rest.
+    """uvicorn's server; it ends long answers before it waits for the rest.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ class Server(uvicorn.Server):
         self._ready = ready
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Listen, then say so: before that a browser would be refused."""
+        """Listen, then report it: before that a browser would be refused."""
         await super().startup(sockets)
         if self.started:
             self._ready()
@@ -173,7 +173,7 @@ def _is_no_cancelling(record: logging.LogRecord) -> bool:
 def build(
     runs_dir: Path, project_dir: Path, site: Site, accounts: Accounts, sessions: Sessions
 ) -> Page:
-    """Return the whole page of a folder of runs, with what runs beside it.
+    """Return the whole page of a folder of runs, with its background tasks.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ class BusyError(Exception):
 
 
 class WorkState(StrEnum):
-    """How far work is."""
+    """Progress of work."""
 
     RUNNING = "running"
     DONE = "done"
@@ -85,7 +85,7 @@ class Work:
         return time.monotonic() - self.began_s if is_running else self.took_s
 
     def facts(self) -> dict[str, Any]:
-        """Return what is shown of it while it runs and afterwards."""
+        """Return its data for the page, while it runs and afterwards."""
         return {
             "kind": self.kind,
             "about": self.about,
@@ -108,7 +108,7 @@ class Work:
 
 
 class Workshop:
-    """Runs work one after the other and keeps what came of it until the page ends.
+    """Runs work one after the other and keeps the results until the page ends.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class Workshop:
 
     @asynccontextmanager
     async def open(self) -> AsyncIterator[None]:
-        """Have a place for results while the page is served; end what runs, afterwards."""
+        """Have a folder for results while the page is served; end running work afterwards."""
         self._root = Path(tempfile.mkdtemp(prefix="cellctl-page-"))
         try:
             yield
@@ -142,7 +142,7 @@ class Workshop:
 
     @property
     def running(self) -> Work | None:
-        """What is at work."""
+        """The work in progress."""
         return self._running
 
     def last(self, kind: str, about: str) -> Work | None:
@@ -191,7 +191,7 @@ class Workshop:
             await asyncio.wait([self._task])
 
     async def cancel(self) -> bool:
-        """End what is at work and wait for its end; return whether there was anything."""
+        """End the work in progress and wait for its end; return False if there was none."""
         work, task = self._running, self._task
         if work is None or task is None:
             return False
@@ -266,7 +266,7 @@ class Workshop:
 
 
 def _limit(pid: int) -> None:
-    """Bound what a child may take of the machine."""
+    """Limit a child's use of the machine."""
     with suppress(OSError):  # this process gives way to others even more
         os.setpriority(os.PRIO_PROCESS, pid, NICENESS)
     with suppress(OSError):  # it has ended already

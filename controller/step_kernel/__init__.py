@@ -1,4 +1,4 @@
-"""The STEP kernel (Open CASCADE 7.9) at work: what runs in a process of its own, and nowhere else.
+"""The STEP kernel (Open CASCADE 7.9) at work: the code of its own process.
 
 Kernels crash, hang and eat memory on damaged files. `controller.cad.reading.step` therefore starts
 one of the modules `solid`, `bodies` and `tolerances` as a process, with limits on its memory and

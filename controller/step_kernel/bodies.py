@@ -26,7 +26,7 @@ SHARES: Final = (0.25, 0.5, 0.75)  # shares of an edge's length: the same points
 
 
 class Listing:
-    """The bodies found, each once for every product it is in, and where each is placed."""
+    """The bodies found, each once for every product it is in, and its placements."""
 
     def __init__(self) -> None:
         self.solids: list[Any] = []
@@ -68,7 +68,7 @@ class Listing:
 
 
 class Product:
-    """What has a shape of its own in the product structure."""
+    """A shape of its own in the product structure."""
 
     def __init__(self, name: str, shape: Any, named: list[tuple[str, Any]]) -> None:  # noqa: ANN401
         self.name = name
@@ -101,7 +101,7 @@ def rows_of(move: Any) -> list[list[float]]:  # noqa: ANN401
 
 
 def read_named(path: str) -> tuple[Listing, str]:
-    """Return the bodies of a file by its product structure, and the length unit the file says.
+    """Return the bodies of a file by its product structure, and the file's length unit.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def read_named(path: str) -> tuple[Listing, str]:
 
 
 def add_placed(label: Any, path: list[str], move: Any, listing: Listing) -> None:  # noqa: ANN401
-    """Add what a label of the product structure places, in the pose of what it is in.
+    """Add the objects that a label of the product structure places, in its parent's pose.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def measures_of(solid: Any) -> dict[str, Any]:  # noqa: ANN401
 
 
 def marks_of(solid: Any) -> tuple[Any, Any]:  # noqa: ANN401
-    """Return points that are the body's own, with kind and size of what each belongs to.
+    """Return points of the body itself, with kind and size of the element each belongs to.
 
     Centres of faces (kind 0, root of the area), points along edges (kind 1, their length), and
     corners (kind 2).

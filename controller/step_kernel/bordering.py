@@ -1,4 +1,4 @@
-"""Faces whose borders the kernel has misread are given new ones, from their edges alone.
+"""Faces with borders that the kernel has misread get new ones, from their edges alone.
 
 A file has a surface and its edges in space; where an edge runs on a surface that closes upon itself
 the kernel works out on its own, and fails where an edge runs along a pole or where the surface
@@ -16,7 +16,7 @@ DIRECTION_COUNT: Final = 36
 
 
 def rebordered(solid: Any, faces: list[Any]) -> Any:  # noqa: ANN401  the kernel's types, no stubs
-    """Return a solid in which faces run along their edges anew.
+    """Return a solid with faces that run along their edges anew.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def _is_round(face: Any) -> bool:  # noqa: ANN401
 
 
 def _turned(face: Any) -> Any:  # noqa: ANN401
-    """Return a face whose borders run the other way."""
+    """Return a face with reversed borders."""
     from OCP.BRep import BRep_Builder
     from OCP.TopAbs import TopAbs_WIRE
     from OCP.TopExp import TopExp_Explorer

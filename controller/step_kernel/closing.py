@@ -1,4 +1,4 @@
-"""What stands in for a face that cannot be divided: straight pieces between its borders.
+"""Substitute for a face that cannot be divided: straight pieces between its borders.
 
 A face with one border gets a lid, one with two (a cone, a bore) a band. What the solid's volume and
 inertia are is then counted from its triangles, since the kernel's integrals take in that face.
@@ -42,7 +42,7 @@ def close(vertices: Any, triangles: Any, left_out: dict[int, set[int]]) -> dict[
 
 
 def _borders(triangles: Any) -> list[list[int]]:  # noqa: ANN401
-    """Return the loops of a mesh's open sides, as what closes them has to run.
+    """Return the loops of a mesh's open sides, in the direction of a closing face.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def _band(vertices: Any, one: list[int], other: list[int]) -> Any:  # noqa: ANN4
 
 
 def counted(arrays: dict[str, Any]) -> dict[str, Any]:
-    """Return what the exact integrals of a solid are replaced by where faces were left out.
+    """Return replacements for the exact integrals of a solid with faces left out.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How finely a solid is divided: by its size, and face by face until what was asked is measured.
+"""Fineness of a solid's division: by its size, and face by face until the tolerance is met.
 
 The kernel's own bound on how far triangles stray from a curved face is no bound: balls are off by
 twice of it, and by thirteen times beside some borders; rings are left many times finer than they
@@ -33,7 +33,7 @@ KEPT: Final = 1e-9  # the deflection that makes the kernel keep a face as it is 
 
 
 def chord_of(extent_mm: float) -> float:
-    """Return how far chords of edges may be off in a solid of a diagonal [mm]."""
+    """Return the chord tolerance of edges in a solid of a given diagonal [mm]."""
     share = min(CHORD_SHARE * extent_mm, CHORD_MM_MAX)
     return max(CHORD_MM, share, FAR_SHARE * extent_mm)
 
@@ -91,7 +91,7 @@ def _keep(face: Any) -> None:  # noqa: ANN401
 
 
 def stray_mm(face: Any, kind: str, form: Any) -> float:  # noqa: ANN401
-    """Return how far the triangles of a face are off its surface at most, 0 where it has none.
+    """Return the largest distance of a face's triangles from its surface, 0 where it has none.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def stray_mm(face: Any, kind: str, form: Any) -> float:  # noqa: ANN401
 
 
 def _off(kind: str, form: Any, points: Any) -> Any:  # noqa: ANN401
-    """Return how far points (n, 3) are from a surface that turns about an axis."""
+    """Return the distances of points (n, 3) from a surface of revolution."""
     import numpy as np
 
     arm = points - xyz(form.Location())

@@ -1,4 +1,4 @@
-"""How a process of the kernel is limited, and how it leaves a reason in place of a result."""
+"""Limits of a process of the kernel, and the reason it leaves in place of a result."""
 
 import json
 import resource
@@ -17,7 +17,7 @@ class RefusalError(Exception):
 
 
 def limit_resources(memory_bytes: int, cpu_s: int) -> None:
-    """Bound what this process may take from the machine."""
+    """Limit this process's use of the machine."""
     resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, memory_bytes))
     resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

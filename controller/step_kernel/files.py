@@ -20,7 +20,7 @@ def read_body(path: str) -> Any:  # noqa: ANN401  the kernel's types have no stu
 
 
 def read_shape(path: str) -> tuple[Any, str]:
-    """Return the single solid of a file [mm] and the length unit the file says.
+    """Return the single solid of a file [mm] and the file's length unit.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def read_shape(path: str) -> tuple[Any, str]:
 
 
 def mended(solid: Any) -> Any:  # noqa: ANN401  the kernel's types have no stubs
-    """Return a solid with what the kernel can mend: seams, short edges, gaps, turned faces.
+    """Return a solid with the kernel's repairs: seams, short edges, gaps, turned faces.
 
     Raises
     ------

@@ -12,7 +12,7 @@ KINDS: Final = ("plane", "cylinder", "cone", "sphere", "torus", "freeform")
 
 
 def curves_of(edges: list[Any]) -> dict[str, Any]:
-    """Return what each edge is: 0 a line, 1 a circle with its axis, 2 anything else."""
+    """Return the type of each edge: 0 a line, 1 a circle with its axis, 2 anything else."""
     import numpy as np
     from OCP.BRepAdaptor import BRepAdaptor_Curve
     from OCP.GeomAbs import GeomAbs_Circle, GeomAbs_Line

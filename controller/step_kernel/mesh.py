@@ -10,7 +10,7 @@ from .shapes import shapes_of, xyz
 
 
 class Weld:
-    """Numbers for mesh corners, some of which turn out to be one."""
+    """Numbers for mesh corners, some of which turn out to be the same."""
 
     def __init__(self) -> None:
         self.points: list[tuple[float, float, float]] = []

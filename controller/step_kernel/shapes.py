@@ -1,4 +1,4 @@
-"""What all processes of the kernel take out of its shapes and documents."""
+"""Helpers of all processes of the kernel for its shapes and documents."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ def xyz(p: Any) -> tuple[float, float, float]:  # noqa: ANN401
 
 
 def unit_of(reader: Any) -> str:  # noqa: ANN401
-    """Return the length unit that a file says, in the kernel's spelling."""
+    """Return the length unit of a file, in the kernel's spelling."""
     from OCP.TColStd import TColStd_SequenceOfAsciiString
 
     lengths, angles, solid_angles = (TColStd_SequenceOfAsciiString() for _ in range(3))

@@ -1,4 +1,4 @@
-"""Read one STEP file with the STEP kernel and leave what it knows in an npz: runs as a process.
+"""Read one STEP file with the STEP kernel and leave its content in an npz: runs as a process.
 
 Its facts are the kernel's own reference pages (Open CASCADE 7.9: BRepMesh, BRepAdaptor,
 BRepGProp).
@@ -59,7 +59,7 @@ def divided(
     angle_rad: float,
     mend: str,
 ) -> tuple[Any, str, dict[str, Any]]:
-    """Return a solid, what had to be done to it first, and its mesh.
+    """Return a solid, the repairs made to it, and its mesh.
 
     Parameters
     ----------

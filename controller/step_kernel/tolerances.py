@@ -23,7 +23,7 @@ NO_DIMENSION: Final = ("Location_None", "CommonLabel", "DimensionPresentation")
 
 
 class Surfaces:
-    """Numbers for the faces of the document, with what tells them apart."""
+    """Numbers for the faces of the document, with the keys that distinguish them."""
 
     def __init__(self, document: Any, product: str, number: int) -> None:  # noqa: ANN401  no stubs
         from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SOLID
@@ -40,7 +40,7 @@ class Surfaces:
         TopExp.MapShapesAndAncestors_s(whole, TopAbs_EDGE, TopAbs_FACE, self.faces_at)
 
     def named(self, labels: Any) -> list[int]:  # noqa: ANN401
-        """Return the numbers of the faces of labels; an edge stands for the faces it bounds."""
+        """Return the numbers of the faces of labels; an edge represents the faces it bounds."""
         from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
         from OCP.TopExp import TopExp_Explorer
 
@@ -91,7 +91,7 @@ def name_of(value: Any, prefix: str) -> str:  # noqa: ANN401
 
 
 def read_pmi(document: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
-    """Return what the document says, in plain values."""
+    """Return the content of the document, in plain values."""
     from OCP.TDF import TDF_LabelSequence
     from OCP.XCAFDoc import XCAFDoc_DocumentTool
 
@@ -110,7 +110,7 @@ def read_pmi(document: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN4
 
 
 def references(label: Any, surfaces: Surfaces) -> tuple[list[int], list[int]]:  # noqa: ANN401
-    """Return the faces at the first and at the second end of what a label holds."""
+    """Return the faces at the first and at the second end of a label's dimension."""
     from OCP.TDF import TDF_LabelSequence
     from OCP.XCAFDoc import XCAFDoc_DimTolTool
 
@@ -120,7 +120,7 @@ def references(label: Any, surfaces: Surfaces) -> tuple[list[int], list[int]]:  
 
 
 def dimension(label: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
-    """Return a dimension as the kernel sees it: signs and units are not to be trusted."""
+    """Return a dimension as the kernel reads it: its signs and units cannot be trusted."""
     from OCP.XCAFDoc import XCAFDoc_Dimension
 
     # find or create: looking the attribute up raises where the kernel keeps it lazily

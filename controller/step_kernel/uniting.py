@@ -60,7 +60,7 @@ def united(solids: list[Any]) -> Any:  # noqa: ANN401  the kernel's types have n
 
 
 def main(argv: list[str]) -> int:
-    """Unite the solids and write what comes of it; return the exit code, 0 unless it refuses."""
+    """Unite the solids and write the result; return the exit code, 0 unless it refuses."""
     source, out, memory, cpu, target = argv
     limit_resources(int(memory), int(cpu))
     import numpy as np

@@ -45,7 +45,7 @@ MAX_PROBLEM_COUNT: Final = 10  # wrong pictures named at once
 
 @dataclass(frozen=True, slots=True)
 class Judging:
-    """Rules by which a set is judged.
+    """Rules for judging a set.
 
     Attributes
     ----------

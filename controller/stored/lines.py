@@ -32,7 +32,7 @@ def json_lines(part: PartInspection) -> Iterator[dict[str, Any]]:
 
 
 def face_lines(part: PartInspection) -> Iterator[dict[str, Any]]:
-    """Yield a line for each face: the share compared, by which check, and why no more."""
+    """Yield a line for each face: the share compared, the check, and the reason for the rest."""
     for face in part.ledger.faces:
         yield _face(face)
 

@@ -1,4 +1,4 @@
-"""A camera that is a folder of pictures, or a video: recorded elsewhere, shown to the cell.
+"""A camera that is a folder of pictures, or a video: recorded elsewhere, fed to the cell.
 
 The pictures are old: neither lamps nor exposure had any part in them. What the driver promises of a
 frame is when it was shown, by the cell's clock. Knows no V4L2.

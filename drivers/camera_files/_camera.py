@@ -45,7 +45,7 @@ class FileFrame:
 
 
 class FileCamera:
-    """Pictures from files, shown as a camera would show its view.
+    """Pictures from files, in place of a camera's view.
 
     It exposes at the cell file's rate and for its exposure, as far as the clock is concerned: no
     frame is there before a camera could have had it.
@@ -159,12 +159,12 @@ class FileCamera:
         return self._shape
 
     async def pause(self) -> None:
-        """Show no frames; pictures that pass by the clock go on passing."""
+        """Deliver no frames; pictures that pass by the clock go on passing."""
         async with self._lock:
             self._is_paused = self.shape is not None
 
     async def resume(self) -> None:
-        """Show frames again."""
+        """Deliver frames again."""
         async with self._lock:
             if self.shape and self._is_paused:
                 self._is_paused, self._running_s = False, self._clock.now_s()
@@ -207,7 +207,7 @@ class FileCamera:
             return FileFrame(image, white, ready_s, start_s, number)
 
     def _first_frame(self, t_s: float) -> tuple[int, float]:
-        """Return number and begin [cell s] of the first frame that is shown wholly after ``t_s``.
+        """Return number and begin [cell s] of the first frame delivered wholly after ``t_s``.
 
         Frames follow each other by the clock from the first one ever; those that came while nobody
         looked are gone but for the last.

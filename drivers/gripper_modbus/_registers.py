@@ -54,7 +54,7 @@ class FaultClass(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """The meaning of a fault number, and what to do about it."""
+    """The meaning of a fault number, and the advice on it."""
 
     kind: FaultClass
     text: str

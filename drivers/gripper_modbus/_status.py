@@ -103,7 +103,7 @@ class GripperStatus:
 
     @property
     def fault_text(self) -> str:
-        """The fault in words, with what to do."""
+        """The fault in words, with advice."""
         fault = fault_of(self.fault)
         return f"fault {self.fault:02X}, {fault.text}: {fault.advice}"
 

@@ -136,7 +136,7 @@ class RgGripper:
         return self._model.max_opening_mm
 
     async def connect(self) -> RgReading:
-        """Check who answers; return the gripper's state. Nothing moves.
+        """Check the device's identity; return the gripper's state. Nothing moves.
 
         A gripper that already presses on something is taken over as it is.
 

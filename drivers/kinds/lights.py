@@ -40,7 +40,7 @@ class LampUnit(Protocol):
     def names(self) -> tuple[str, ...]: ...  # noqa: D102  (an attribute)
 
     async def connect(self) -> object:
-        """Check who answers, switch nothing; return the unit's identity, for the log."""
+        """Check the unit's identity, switch nothing; return it, for the log."""
         ...
 
     async def set(self, levels: Mapping[str, float], *, settle: bool = False) -> float:

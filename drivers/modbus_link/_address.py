@@ -139,7 +139,7 @@ class RtuAddress:
         )
 
     async def why_not(self) -> str:
-        """Return the reason why the device node cannot be opened, as far as it shows."""
+        """Return the reason why the device node cannot be opened, as far as it is known."""
         try:
             mode = Path(self.device).stat().st_mode  # noqa: ASYNC240  a stat of /dev does not block
         except OSError as error:

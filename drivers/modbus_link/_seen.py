@@ -24,7 +24,7 @@ def _rtu_frame_in(received: bytes) -> tuple[int, bytes] | None:
 
 
 def seen_instead(sent: bytes, received: bytes, *, is_tcp: bool) -> tuple[str, str]:
-    """Return what came instead of an answer, and what to check; empty if nothing came.
+    """Return the bytes that came instead of an answer, with advice; empty if none came.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ BLIND_BEATS: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class BlindStop:
-    """A stop that is sent without a question first and without waiting for an answer.
+    """A stop that is sent without a query first and without waiting for an answer.
 
     Attributes
     ----------

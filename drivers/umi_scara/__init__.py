@@ -1,4 +1,4 @@
-"""UMI RTX / RT100 arm on a serial line: moves its axes; does not know what they carry.
+"""UMI RTX / RT100 arm on a serial line: moves its axes; knows nothing of their load.
 
 Source of all facts: umi_rtx.md. Four rooms, upwards: `protocol` (tables and bytes), `line` (who
 listens, one request at a time), `motion` (the motors in counts); beside them, without any device,

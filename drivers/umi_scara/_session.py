@@ -193,7 +193,7 @@ class ArmSession:
         self._forget_position()
 
     def _note_uncertain(self, error: LineUncertainError) -> None:
-        """Note that another command may have run, whichever request has shown it."""
+        """Record that another command may have run, whichever request has revealed it."""
         self._uncertain_count += 1
         self.positions.note_failure(error)
 

@@ -123,7 +123,7 @@ class Plant(Protocol):
 
     @property
     def networks(self) -> Mapping[str, Network]:
-        """See the class."""
+        """Carry out the order; see the class."""
         ...
 
     @property

@@ -1,4 +1,4 @@
-"""Grippers on Modbus that are not there: the jaws' physics and a Robotiq 2F-85's register map."""
+"""Emulated grippers on Modbus: the jaws' physics and a Robotiq 2F-85's register map."""
 
 from ._jaws import JawModel
 from ._registers import Fault, JawScale

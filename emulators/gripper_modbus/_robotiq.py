@@ -149,7 +149,7 @@ class RobotiqDevice:
     # --- the wire -------------------------------------------------------------------------------
 
     def request(self, pdu: bytes, now_s: float) -> bytes | None:
-        """Return the reply to one request; None, silence, to all that the gripper does not know."""
+        """Return the reply to one request; None, silence, to unknown requests."""
         if not self._is_powered:
             return None
         try:

@@ -1,4 +1,4 @@
-"""An OnRobot RG2 or RG6 and its Compute Box that are not there (modbus_devices.md 3)."""
+"""An emulated OnRobot RG2 or RG6 and its Compute Box (modbus_devices.md 3)."""
 
 from ._rg import RG2, RG6, ComputeBoxDevice, RgDevice, RgType
 

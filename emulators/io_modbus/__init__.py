@@ -1,4 +1,4 @@
-"""Cell I/O that is not there: a Moxa ioLogik E1214 or E1212, and what is wired to it."""
+"""Emulated cell I/O: a Moxa ioLogik E1214 or E1212, and its wiring."""
 
 from ._e1214 import E1214Device, StackLight
 from ._map import E1212, E1214Config

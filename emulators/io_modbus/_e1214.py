@@ -88,7 +88,7 @@ class E1214Device:
 
     @property
     def stack_light(self) -> StackLight:
-        """The stack light as it shows."""
+        """The visible state of the stack light."""
         config = self._config
         return StackLight(
             is_red=self.is_closed(config.stack_red),
@@ -97,7 +97,7 @@ class E1214Device:
         )
 
     def inputs(self) -> tuple[bool, ...]:
-        """Return the inputs as the block sees them; those that nothing is on read 0."""
+        """Return the inputs as the block reads them; unwired ones read 0."""
         signals = self.signals
         contacts = [False] * self._state.channel_count
         on_them = (

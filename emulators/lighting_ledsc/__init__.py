@@ -1,4 +1,4 @@
-"""LedSC lamp controllers that are not there: four PWM outputs each."""
+"""Emulated LedSC lamp controllers: four PWM outputs each."""
 
 from ._controller import LedscDevice, LedscSupply
 

@@ -1,4 +1,4 @@
-"""Lamps that are not there: Waveshare modules for voltage and relays, and light from both."""
+"""Emulated lamps: Waveshare modules for voltage and relays, and light from both."""
 
 from ._analog_output import AnalogOutput8Device
 from ._lamp import LampCharacter, LampModel, LampSupply, LampWiring, WaveshareSupply

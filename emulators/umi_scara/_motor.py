@@ -179,7 +179,7 @@ class Motor:
     # --- commands ---------------------------------------------------------------------------
 
     def rest(self, drive: Drive) -> None:
-        """Stand where the axis is, with no error, in a drive state that is not a move."""
+        """Stop at the present position, with no error, in a drive state that is not a move."""
         self.set_point = self.position
         self.velocity = 0.0
         self.blocked_s = 0.0
@@ -200,7 +200,7 @@ class Motor:
         self.target = new_position + (self.set_point if self.is_relative else self.origin)
 
     def go_to(self, counts: int) -> None:
-        """Start towards a counter value; what the IP's own routines use."""
+        """Start towards a counter value; used by the IP's own routines."""
         self._begin(Drive.NUMERIC)
         self.target = self.origin + counts
 

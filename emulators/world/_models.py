@@ -8,7 +8,7 @@ from .poses import Joints
 
 
 class ArmBody(Protocol):
-    """The arm as the world sees it."""
+    """The arm in the world."""
 
     grasp_limit_mm: float | None
 
@@ -22,7 +22,7 @@ class ArmBody(Protocol):
 
 
 class JawBody(Protocol):
-    """The fixed gripper's jaws as the world sees them."""
+    """The fixed gripper's jaws in the world."""
 
     grasp_limit_mm: float | None
 

@@ -32,7 +32,7 @@ _DEFAULT_FORCE_FRACTION: Final = 0.4
 
 
 class World:
-    """One cell; ``advance`` lets time pass, ``snapshot`` is what a camera would see.
+    """One cell; ``advance`` lets time pass, ``snapshot`` is a camera's view.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ class World:
         )
 
     def _carry(self, dt_s: float) -> None:
-        """Move held parts exactly with their gripper; drop what its grasp cannot bear."""
+        """Move held parts exactly with their gripper; drop those that its grasp cannot bear."""
         for part in self.parts:
             if part.state != HELD:
                 continue
@@ -369,7 +369,7 @@ class World:
         rest: int | Rest | None = None,
         theta_rad: float | None = None,
     ) -> None:
-        """Let a part fall a few millimetres onto the table; the place is that of `draw`.
+        """Let a part fall a few millimetres onto the table, at the place of `draw`.
 
         Parameters
         ----------

@@ -39,7 +39,7 @@ def tray_of(world: World, index: int) -> str | None:
 
 
 def truth(world: World) -> dict[str, Any]:
-    """Return all of that, and what has happened, as plain values."""
+    """Return all of that, and the events so far, as plain values."""
     parts = []
     for part in world.parts:
         T = part_pose(world, part.index)

@@ -28,7 +28,7 @@ BLUR_SIGMA_PX: Final = 0.6  # blur of the lens; a pixel's own area is in the sam
 
 
 class LayoutError(Exception):
-    """The cell file cannot be emulated: says which entry and why."""
+    """The cell file cannot be emulated: names the entry and the reason."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

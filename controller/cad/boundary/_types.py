@@ -86,7 +86,7 @@ class Face:
 
 
 class Curve(IntEnum):
-    """Kind of curve of an edge, whatever its polyline."""
+    """Type of an edge's curve, independent of its polyline."""
 
     LINE = 0
     CIRCLE = 1

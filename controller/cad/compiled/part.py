@@ -123,7 +123,7 @@ class CompiledPart:
 
     @property
     def chosen_by(self) -> SurfaceSamples:
-        """The samples by which views are chosen: fewer, and none of those that count coverage."""
+        """The samples for choosing views: fewer, and separate from those that count coverage."""
         return sample_surface(self.solid, spacing_of(self.solid, CHOICE_SPACING_MM))
 
     @property

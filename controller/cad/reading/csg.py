@@ -217,7 +217,7 @@ class _Builder:
         raise ValueError(f"{shape.kind} is no primitive")
 
     def _section(self, outlines: list[Any], at: Location) -> Any:  # noqa: ANN401 - CrossSection
-        """Return an outline with holes, for either sense in which they are drawn."""
+        """Return an outline with holes, in either orientation."""
         polygons = [shapely.Polygon([self._mm(point) for point in o]) for o in outlines]
         places: list[Location] = [(*at, "outline")]
         places += [(*at, "holes", i) for i in range(len(outlines) - 1)]

@@ -36,7 +36,7 @@ EDGE_SHARE = (
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LookAlike:
-    """Two poses a camera above cannot tell apart.
+    """Two poses that a camera above cannot distinguish.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ def _could_be(a: LineView, b: LineView, allowed: float) -> bool:
 
 
 def _draw(view: LineView, reach: float) -> tuple[_Drawing, _Drawing]:
-    """Return the outline, and the sharp edges seen inside it, as points."""
+    """Return the outline, and the sharp edges visible inside it, as points."""
     rims = [np.vstack([loop.points, loop.points[:1]]) for loop in view.loops]
     lines = [e.points for e in view.edges if e.kind != "smooth" and not e.on_outline]
     return _points(rims, view, reach), _points(lines, view, reach)

@@ -90,7 +90,7 @@ def _shares(hull: Hull) -> FloatArray:
 
 
 def _settle(hull: Hull, stays: BoolArray) -> IntArray:
-    """Return the triangle (t,) on which a part ends that lands on each triangle.
+    """Return the final resting triangle (t,) of a part that lands on each triangle.
 
     A triangle topples over the side that the line from its middle to the point under the centre
     crosses. Each step lowers the centre; among triangles of one plane, or nearly so, rounding can

@@ -1,4 +1,4 @@
-"""Points by which coverage is counted: dense, evenly spread, denser in bores and on small faces.
+"""Points for counting coverage: dense, evenly spread, denser in bores and on small faces.
 
 Plans are fitted to points of their own (`sample_surface`), so that what a plan misses between them
 shows here (ADR 57).

@@ -1,4 +1,4 @@
-"""Share of a surface that some of its samples stand for, and its uncertainty."""
+"""Share of a surface that a set of samples represents, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KEPT_PARTS = 4  # parts whose neighbours are kept, for the next part of the kind
 
 
 def share_of(samples: SurfaceSamples, chosen: BoolArray) -> float:
-    """Return the share of the surface that chosen samples (m,) stand for, 0..1."""
+    """Return the share of the surface that chosen samples (m,) represent, 0..1."""
     areas = samples.areas_mm2
     return float(areas[chosen].sum() / areas.sum())
 
@@ -32,7 +32,7 @@ def uncertainty_of(samples: SurfaceSamples, chosen: BoolArray) -> float:
 def face_shares(
     samples: SurfaceSamples, chosen: BoolArray, face_count: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the share of each face (f,) that chosen samples stand for, and its U (k = 2) (f,).
+    """Return the share of each face (f,) that chosen samples represent, and its U (k = 2) (f,).
 
     A cell on the border of what is chosen, with neighbours on the other side, may belong to either
     side; spots smaller than a cell may have no sample in them.

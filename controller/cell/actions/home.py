@@ -120,7 +120,7 @@ class ReadyAction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResetAction:
-    """Homes the cell, or only makes it ready if the part of an interrupted run goes on.
+    """Homes the cell, or only makes it ready if the part of an interrupted run is continued.
 
     Attributes
     ----------

@@ -81,7 +81,7 @@ class UnsuspendAction:
     standstill: Standstill
 
     async def run(self) -> Event:
-        """Check interlocks and hold; return ``RESUMED``, or ``STEP_BEGUN`` for one step alone.
+        """Check interlocks and hold; return ``RESUMED``, or ``STEP_BEGUN`` for a single step.
 
         Where the door has been open and no gripper has the part, return ``LOOK_AGAIN``.
 

@@ -178,7 +178,7 @@ class PlanAction:
 
 
 def _new(plan: Plan, in_sight: BoolArray | None) -> BoolArray:
-    """Return a mask (n,) of the samples that a plan would show for the first time."""
+    """Return a mask (n,) of the samples that a plan would cover for the first time."""
     promised = merged([s.seen for s in plan.steps if isinstance(s, Present | Look)])
     if promised is None:
         return np.zeros(0 if in_sight is None else len(in_sight), dtype=bool)

@@ -426,7 +426,7 @@ class Dispatcher:
         return Decision("refused", state, state, reason=reason) if reason else None
 
     def _why_barred(self, event: Event) -> str:
-        """Return what a paused cell needs before it takes a command; empty if nothing."""
+        """Return the condition that a paused cell needs before a command; empty for none."""
         if event not in (Event.RESUME, Event.STEP, Event.ACKNOWLEDGE):
             return ""
         violation = self._interlocks.holding()

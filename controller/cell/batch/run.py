@@ -271,7 +271,7 @@ async def _notices(order: RunOrder) -> AsyncIterator[Notices]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Run:
-    """A cell that is built, from connecting its devices to rest."""
+    """A built cell, from connecting its devices to rest."""
 
     order: RunOrder
     journal: Journal

@@ -50,7 +50,7 @@ async def start(
     sweep: Sweep,
     back: Back,
 ) -> Outcome | Proposal | None:
-    """Return None if the grippers are empty, what to begin with, or the outcome of a refusal.
+    """Return None for empty grippers, else the proposal to begin with or the outcome of a refusal.
 
     Parameters
     ----------

@@ -187,7 +187,7 @@ class Bench:
             await self.motion.follow((waypoint,), first_speed=speed)
 
     async def path_to(self, q: FloatArray, scene: Scene, what: str) -> JointPath:
-        """Return a path from where the arm stands to a configuration (6,), free in a scene.
+        """Return a path from the arm's position to a configuration (6,), free in a scene.
 
         Parameters
         ----------

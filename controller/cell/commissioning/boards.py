@@ -135,7 +135,7 @@ def as_handed(bench: Bench, board: BoardSection) -> HeldPlate:
 async def look(
     bench: Bench, camera: CameraName, name: str, caption: str, *, lamp: str | None = None
 ) -> Grey:
-    """Return a picture under one lamp, as bright as it may be without being burnt out.
+    """Return a picture under one lamp, as bright as possible without saturation.
 
     Parameters
     ----------

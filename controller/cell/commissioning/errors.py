@@ -4,7 +4,7 @@ from ..errors import CellError
 
 
 class StepFailedError(CellError):
-    """The step's result is outside its limits; the message says what to do about it."""
+    """A result outside the limits of a step; the message says what to do about it."""
 
 
 class NobodyThereError(CellError):

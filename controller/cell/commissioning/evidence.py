@@ -38,7 +38,7 @@ class Evidence:
         low: float | None = None,
         high: float | None = None,
     ) -> Figure:
-        """Keep and show a measured value; return it.
+        """Store and print a measured value; return it.
 
         Parameters
         ----------
@@ -60,7 +60,7 @@ class Evidence:
         return figure
 
     def find(self, text: str) -> None:
-        """Keep and show a finding without a figure."""
+        """Store and print a finding without a figure."""
         self.findings.append(text)
         self.show(text)
 

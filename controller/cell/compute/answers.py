@@ -79,7 +79,7 @@ def recognise(job: Job, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[recogni
 
 
 def _read_as_wanted(s: recognising.Sighting, c: Context) -> recognising.Sighting:
-    """Return a sighting as the first part of the batch that it may be; unchanged if it is one."""
+    """Return a sighting as the first part of the batch that matches; unchanged if it is one."""
     if s.part in c.wanted:
         return s
     may_be = {one.part for one in s.ambiguous_with}

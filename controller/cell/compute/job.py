@@ -69,7 +69,7 @@ class Context:
 
     @property
     def layout(self) -> CellLayout:
-        """The cell as planning sees it."""
+        """The cell in the planner's terms."""
         return self.setup.layout
 
     @property

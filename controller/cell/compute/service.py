@@ -60,7 +60,7 @@ def begin(answer: Coroutine[Any, Any, Answer]) -> asyncio.Task[Answer]:
 
 
 class Compute:
-    """All questions as methods; each may take seconds, and none of them moves anything."""
+    """All questions as methods; each may take seconds, and none moves anything."""
 
     def __init__(self, job: Job, pool: Executor) -> None:
         self.job = job

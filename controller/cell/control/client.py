@@ -37,14 +37,14 @@ class NotServedError(ControlError):
 
 
 class _UnixConnection(http.client.HTTPConnection):
-    """HTTP over a unix socket whose other end is the same user."""
+    """HTTP over a unix socket whose peer is the same user."""
 
     def __init__(self, path: Path) -> None:
         super().__init__("localhost", timeout=REPLY_LIMIT_WALL_S)
         self._path = path
 
     def connect(self) -> None:
-        """Connect, and check who listens."""
+        """Connect, and check the identity of the server."""
         self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self.sock.settimeout(REPLY_LIMIT_WALL_S)
         self.sock.connect(str(self._path))

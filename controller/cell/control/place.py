@@ -11,7 +11,7 @@ from ..errors import CellError
 
 
 class ControlError(CellError):
-    """The control socket cannot be served, or nobody serves it."""
+    """The control socket cannot be served, or its server has ended."""
 
 
 def control_folder() -> Path:

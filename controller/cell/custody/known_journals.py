@@ -92,7 +92,7 @@ class _Note:
 
     @property
     def why_lost(self) -> str:
-        """The reason why the file there is not the journal that was noted; empty if it is."""
+        """The reason why the file there is not the noted journal; empty if it is."""
         if self.began is None:
             return self.flaw
         if (why := self.why_gone) or self.head is None:

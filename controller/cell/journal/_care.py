@@ -73,7 +73,7 @@ def open_cell_journal(path: Path, run: str, stamps: Stamps = HOST_STAMPS) -> Cel
 
 
 def first_flaw(path: Path) -> str | None:
-    """Return the flaw of a journal that was damaged, cut, emptied or changed; None if it is whole.
+    """Return the flaw of a damaged, cut, emptied or changed journal; None if it is whole.
 
     A journal that has not begun is whole, and so is one without rows that no head names. Rows cut
     off the end are noticed up to the row that the head names; a loss of later rows, written after

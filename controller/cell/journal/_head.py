@@ -18,7 +18,7 @@ SUFFIX: Final = ".head"
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """The last row that is surely on the disk."""
+    """The last row that is certainly on the disk."""
 
     seq: int
     hash: str

@@ -120,7 +120,7 @@ def mermaid() -> str:
 
 
 def pauses_mermaid() -> str:
-    """Return a diagram of the transitions between modes in which the work stays the same."""
+    """Return a diagram of the transitions between modes that leave the work unchanged."""
     lines = ["stateDiagram-v2"]
     lines += [f"    {mode} : {mode} / {effect.value}" for mode, effect in MODE_EFFECTS.items()]
     found: dict[tuple[Mode, Mode, Event], set[str | None]] = {}

@@ -1,4 +1,4 @@
-"""The desk for questions: one at a time, answered by the first person who does."""
+"""The desk for questions: one at a time, answered by the first person to do so."""
 
 import asyncio
 from collections.abc import Callable
@@ -46,7 +46,7 @@ class Desk:
         return self._open is not None and self._open[1].done()
 
     async def decide(self, question: Question) -> Answer | None:
-        """Return the answer once there is one; None at once if nobody is there."""
+        """Return the answer once there is one; None at once if nobody is there to give it."""
         if not self._is_attended:
             return None
         self._number += 1

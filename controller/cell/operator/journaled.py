@@ -6,7 +6,7 @@ from .question import Answer, Operator, Question
 
 
 class Journaled:
-    """An operator whose questions and answers are written down.
+    """An operator whose questions and answers are journaled.
 
     Parameters
     ----------

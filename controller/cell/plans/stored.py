@@ -145,7 +145,7 @@ class Kept:
 
 
 def check_plan(plan: Plan, sample_count: int, face_count: int) -> None:
-    """Check that a plan can be one of a part, whatever its cell.
+    """Check that a plan can belong to a part, whatever its cell.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ class Opens(StrEnum):
 
 
 class Leaves(StrEnum):
-    """The way in which the arm leaves its place."""
+    """The path by which the arm leaves its place."""
 
     BY_TRAIL = "along its path"
     BY_RETREAT = "by the retreat of the step that was cut off"
@@ -190,7 +190,7 @@ def _lost(left: Interrupted, world: World) -> Case:
 
 
 def _in_no_gripper(left: Interrupted, world: World) -> Case:
-    """Return the case in which only the arm has to leave; a part is then looked for as always.
+    """Return the case in which only the arm has to leave; the part is then sought as usual.
 
     Homing from low over the table, or from beside a tray, would meet the column.
     """

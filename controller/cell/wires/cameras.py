@@ -126,7 +126,7 @@ class PlayedCamera:
 
 
 class AtOnce(Executor):
-    """Makes calls where they are ordered: on a recording's time no call takes any."""
+    """Makes calls at once, where they are ordered: on a recording's clock no call takes time."""
 
     def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> "Future[Result]":  # noqa: ANN401
         """Call; return a future that is done.

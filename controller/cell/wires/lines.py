@@ -30,7 +30,7 @@ ENDED: Final = "the recording has ended"
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """The first request that is not the recorded one.
+    """The first request that differs from the recorded one.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Difference:
 
 
 class Tape:
-    """A recording being played: whose turn it is on all wires, and the row at which it stopped.
+    """A recording being played: the wire whose turn it is, and the row at which it stopped.
 
     Parameters
     ----------

@@ -132,7 +132,7 @@ class _LineTap:
         self._callers = recorder.callers
 
     async def turn(self, what: str) -> None:
-        """Let every caller pass: their order is what the recording holds."""
+        """Let every caller pass: the recording holds their order."""
 
     def taken(self, what: str) -> None:
         self._note("turn", [what, self._callers.name()])

@@ -57,7 +57,7 @@ class Replayed:
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """The files of the recorded run, where they can be read.
+    """The readable files of the recorded run.
 
     Attributes
     ----------
@@ -195,7 +195,7 @@ def _bury(loop: WireLoop) -> None:
 
 @contextlib.contextmanager
 def _folder_of_its_own() -> Iterator[Path]:
-    """Yield a folder for journal and pictures that no real start knows of."""
+    """Yield a folder for journal and pictures that no real start knows."""
     before = os.environ.get(STATE_HOME)
     with tempfile.TemporaryDirectory(prefix="cellctl-replay-") as folder:
         os.environ[STATE_HOME] = str(Path(folder) / "state")

@@ -66,7 +66,7 @@ def resume(
     runs: RunsOption = RUNS,
     json: JsonOption = False,
 ) -> None:
-    """Go on after a pause; shows the first motion before."""
+    """Continue after a pause; shows the first motion before."""
     from .orders import resume_cell
 
     raise typer.Exit(resume_cell(runs, who, why, is_confirmed=yes, as_json=json))

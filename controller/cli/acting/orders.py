@@ -121,7 +121,7 @@ def pause_cell(runs_dir: Path, kind: str, who: str, why: str, *, as_json: bool) 
 
 
 def resume_cell(runs_dir: Path, who: str, why: str, *, is_confirmed: bool, as_json: bool) -> int:
-    """Have a paused cell go on; return 0 if it does, 1 if it refuses or nobody confirms it.
+    """Have a paused cell continue; return 0 if it does, 1 if it refuses or nobody confirms it.
 
     Parameters
     ----------

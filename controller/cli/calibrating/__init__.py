@@ -1,4 +1,4 @@
-"""`calibrate`: measures what the cell must know about itself."""
+"""`calibrate`: measures the cell's cameras."""
 
 from .commands import camera
 

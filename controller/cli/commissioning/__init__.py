@@ -1,4 +1,4 @@
-"""`commission` measures the cell as it really stands; `print-target` writes the boards for it."""
+"""`commission` measures the real cell; `print-target` writes the boards for it."""
 
 from .commands import commission, jog, print_target, teach
 

@@ -20,7 +20,7 @@ from ..options import (
 
 
 class Teachable(StrEnum):
-    """What can be taught."""
+    """Positions that can be taught."""
 
     ACCEPT = "accept"
     REJECT = "reject"

@@ -34,7 +34,7 @@ def jobs_among(text: str | None, *, use_cache: bool = True) -> Jobs:
 
 @contextmanager
 def working_ahead(jobs: Jobs, works: Sequence[Work]) -> Iterator[MadeAhead]:
-    """Yield a function that waits for the work on a part, by its number; None if nobody did it.
+    """Yield a function that waits for the work on a part, by its number; None without such work.
 
     Nobody is asked where the cache has all of it.
 

@@ -63,7 +63,7 @@ def check_drawings(folder: Path | None, part_count: int) -> None:
 
 
 def make_folder(folder: Path, option: str) -> None:
-    """Make a folder that can be written to, unless it is there.
+    """Make a folder that can be written to, unless it exists.
 
     Parameters
     ----------

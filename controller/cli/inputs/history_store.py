@@ -1,4 +1,4 @@
-"""The store of the history for commands: opened, filled, with a report of what was left out."""
+"""The store of the history for commands: opened, filled, with a report of omissions."""
 
 import os
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ NAMED_COUNT = 5  # problems printed one by one
 
 @contextmanager
 def filled_store(runs_dir: Path, named: str | None, *, anew: bool = False) -> Iterator[Store]:
-    """Yield the store of a folder of runs, filled with what its journals have by now.
+    """Yield the store of a folder of runs, filled with the present content of its journals.
 
     Parameters
     ----------

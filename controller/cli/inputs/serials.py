@@ -100,7 +100,7 @@ def _check(options: SerialOptions, listed: PartsList | None, recipe_count: int) 
 
 
 def _first_counted(first: str, part_count: int, runs_dir: Path, *, goes_on: bool) -> str:
-    """Return the first number to give, none of which an earlier run has given."""
+    """Return the first number to give, with no conflict with earlier runs."""
     if why := why_no_serial(first):
         raise ConfigError(f"--serial-from {first!r}: {why}")
     head, digits = parted(first)

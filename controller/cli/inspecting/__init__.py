@@ -1,4 +1,4 @@
-"""`cellctl inspect`, `replay`, `verify`: stored pictures judged, once more, and proven."""
+"""`cellctl inspect`, `replay`, `verify`: stored pictures judged, judged again, and verified."""
 
 from .commands import inspect, replay, verify
 

@@ -102,7 +102,7 @@ def verify(
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Verify that a run's files are as they were written.
+    """Verify that a run's files are unchanged.
 
     Names each picture, result and row of the journal that is not.
     """

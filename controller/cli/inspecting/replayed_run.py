@@ -34,7 +34,7 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A result that another judging changes; None on the side where it is missing."""
+    """A result that differs in another judging; None on the side where it is missing."""
 
     what: str
     name: str

@@ -65,7 +65,7 @@ class BodyFiles:
             warn(f"{solid.name}: {caution}")
 
     def report_refused(self, one: BodyFile, error: CadError, *, as_json: bool) -> None:
-        """Print the row of a body that is refused; the reason goes to stderr, and into JSON.
+        """Print the row of a refused body; the reason goes to stderr, and into JSON.
 
         Parameters
         ----------

@@ -51,7 +51,7 @@ class Deeds:
         self._actions: list[dict[str, Any]] = []
 
     def branched(self) -> Deeds:
-        """Return a copy that goes on from here."""
+        """Return a copy to continue from."""
         return Deeds(self._layout, self._q, self._custody)
 
     def step_json(self, step: Step) -> dict[str, Any]:

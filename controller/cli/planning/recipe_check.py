@@ -123,7 +123,7 @@ def _landing_json(one: Landing) -> dict[str, Any]:
 
 
 def _unserved(checked: Checked) -> list[str]:
-    """Return the refusal of a part of which most landings have no plan."""
+    """Return the refusal of a part that mostly lands in poses without a plan."""
     if checked.problems or checked.serves_most:
         return []
     served = ", ".join(f"pose {one.pose.index}" for one in checked.poses if one.is_served)

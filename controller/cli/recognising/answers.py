@@ -218,7 +218,7 @@ def _sentence(body: dict[str, Any]) -> str:
 
 
 def _in_part(body: dict[str, Any]) -> str:
-    """Return the reasons why an outline is not seen whole, in words; empty if it is."""
+    """Return the reasons why an outline is partly hidden, in words; empty if it is not."""
     count, reasons = body["touching_count"], []
     if count:
         reasons.append("touches another object" if count == 1 else f"one of {count + 1} that touch")

@@ -342,7 +342,7 @@ class Form(StrEnum):
 
 
 class Layout(StrEnum):
-    """Layout of a report that is printed."""
+    """Layout of a printed report."""
 
     STANDARD = "standard"
     AS9102 = "as9102"

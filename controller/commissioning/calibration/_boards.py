@@ -29,7 +29,7 @@ _CORNERS_MIN: Final = 4  # this many points determine a homography
 
 
 class NoBoardError(Exception):
-    """A picture shows no such board; the message says why."""
+    """A picture without such a board; the message gives the reason."""
 
 
 def find_board(grey: Grey, target: Target) -> FoundBoard:
@@ -85,7 +85,7 @@ def _chessboard(grey: Grey, target: Chessboard) -> FoundBoard:
 
 
 def _search(grey: Grey, columns: int, rows: int) -> FloatArray:
-    """Return the inner corners (rows, columns, 2) in whatever order OpenCV has them."""
+    """Return the inner corners (rows, columns, 2) in OpenCV's order."""
     for flags in (0, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE):
         for picture in _sizes(grey):
             found, corners = cv2.findChessboardCornersSB(picture, (columns, rows), flags=flags)

@@ -170,7 +170,7 @@ def _model(x: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _edge(
     d: FloatArray, c: FloatArray, s: FloatArray, blur: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return an edge as pixels at distance d see it, and its derivatives by d and log blur.
+    """Return an edge over the distance d of pixels, and its derivatives by d and log blur.
 
     Along an edge of normal (c, s), a square pixel is a box of width |c| convolved with a box of
     width |s|. The average over the wider box is exact; the narrower one counts as blur of the same

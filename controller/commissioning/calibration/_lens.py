@@ -1,4 +1,4 @@
-"""Choose the distortion terms that the views show, by the Bayesian information criterion."""
+"""Choose the distortion terms supported by the views (Bayesian information criterion)."""
 
 from collections.abc import Sequence
 from typing import Final

@@ -20,7 +20,7 @@ class CalibrationError(Exception):
 
 
 class Placed(StrEnum):
-    """How a board was put into a picture."""
+    """Placement of a board in a picture."""
 
     FLAT = "flat"  # on the table
     TILTED = "tilted"  # in any other pose
@@ -88,7 +88,7 @@ class FoundBoard:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """A picture's board and how it was placed."""
+    """A picture's board and its placement."""
 
     name: str
     placed: Placed
@@ -167,7 +167,7 @@ class TableUncertainty:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """A camera, how well the pictures agree with it, and how well they determine it.
+    """A camera, its agreement with the pictures, and its uncertainty.
 
     Attributes
     ----------

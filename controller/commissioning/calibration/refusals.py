@@ -1,4 +1,4 @@
-"""Refuse views that do not determine a camera, each case with what to do about it."""
+"""Refuse views that do not determine a camera; each case has its own advice."""
 
 from collections.abc import Sequence
 

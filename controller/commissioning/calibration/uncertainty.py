@@ -28,7 +28,7 @@ _POSE: Final = slice(len(PARAMETERS), len(PARAMETERS) + 6)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """How far a fit may be off: PARAMETERS, then rotation [rad] and translation [mm] of the world.
+    """Uncertainty of a fit: PARAMETERS, then rotation [rad] and translation [mm] of the world.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ def spread(fit: Fit, held_std: Mapping[str, float]) -> Spread:
 
 
 def held_sizes(fit: Fit, size_px: tuple[int, int], loose: Spread) -> dict[str, float]:
-    """Return how large each held distortion term may be, one standard deviation.
+    """Return the standard deviation of each held distortion term.
 
     Parameters
     ----------

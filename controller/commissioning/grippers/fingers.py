@@ -92,7 +92,7 @@ class FingerLook:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TcpFit:
-    """The TCP as the fingers show it.
+    """The TCP measured from the fingers.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class TcpFit:
 
 
 class FingersError(Exception):
-    """The pictures do not show the fingers well enough; the message says what to do about it."""
+    """The pictures show too little of the fingers; the message says what to do about it."""
 
 
 def finger_rays(
@@ -204,7 +204,7 @@ def locate_tcp(
     *,
     jaw_zero_std_mm: float = 1.5,
 ) -> TcpFit:
-    """Return the cell with its TCP between the finger tips, as all looks show them.
+    """Return the cell with its TCP between the finger tips, from all looks.
 
     The covariance of the cell is the prior; each stop has the joints' own noise besides.
 
@@ -261,7 +261,7 @@ def locate_tcp(
 def _projector(
     fit: CellFit, camera: str, q: FloatArray
 ) -> Callable[[FloatArray, FloatArray], FloatArray]:
-    """Return what takes unknowns (m,) and points (n, 3) in the TCP's frame to pixels (n, 2)."""
+    """Return the projection of unknowns (m,) and points (n, 3), TCP frame, to pixels (n, 2)."""
     layout = fit.layout
 
     def project(x: FloatArray, points_mm: FloatArray) -> FloatArray:

@@ -54,7 +54,7 @@ class Touch:
 
 @dataclass(frozen=True, slots=True)
 class TouchNoise:
-    """What touches are uncertain by, standard deviations.
+    """Standard deviations of touches.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What goes into the calibration of a whole cell: pictures of boards, and what is known before.
+"""Inputs of the calibration of a whole cell: pictures of boards, and prior knowledge.
 
 Frames: *world* (table z = 0), *cam* OpenCV's, *arm*, *tcp*, *body* of the plate that is held,
 *board* of one printed pattern (Z out of the print). Prior knowledge is Gaussian. Where a drawing
@@ -49,7 +49,7 @@ class BoardPicture:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """How far a cell set up with a tape measure may be from its drawing (docs/adr/0041)."""
+    """Bounds on the errors of a cell set up with a tape measure (docs/adr/0041)."""
 
     camera_mm: float = 5.0
     camera_rad: float = radians(1.0)
@@ -63,13 +63,13 @@ class Bounds:
 
 
 def even_std(bound: float) -> float:
-    """Return the standard deviation of what is evenly spread within a bound to either side."""
+    """Return the standard deviation of an even distribution within a bound to either side."""
     return bound / sqrt(3.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPrior:
-    """A camera as its cell file has it, and how far off that may be, one standard deviation."""
+    """A camera from its cell file, with the standard deviations of its errors."""
 
     nominal: Camera
     pose_mm: float
@@ -81,7 +81,7 @@ class CameraPrior:
 
     @classmethod
     def within(cls, nominal: Camera, bounds: Bounds = Bounds()) -> "CameraPrior":
-        """Return the prior of a camera whose every quantity is within its bound."""
+        """Return the prior of a camera with every quantity within its bound."""
         # the tilt of the table turns the camera about the middle of the table
         high = abs(float(nominal.position_mm[2]))
         return cls(
@@ -152,7 +152,7 @@ class Grasp:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellPrior:
-    """All that is known of a cell before its pictures are looked at.
+    """Prior knowledge of a cell, before its pictures.
 
     Attributes
     ----------
@@ -190,7 +190,7 @@ def base_std(bounds: Bounds = Bounds(), *, lever_mm: float = 360.0) -> FloatArra
 def clamped_std(
     normal_rad: float = radians(0.15), centre_mm: float = 0.05, free_mm: float = 8.0
 ) -> FloatArray:
-    """Return how well the pose of a plate in the jaws is known (6,), before it is seen.
+    """Return the standard deviations (6,) of the pose of a plate in the jaws, before any picture.
 
     The pads lie on its large faces. So its normal is along the jaws' axis y and its middle is in
     the middle between them, while it may be anywhere along the pads and turned about y.

@@ -1,4 +1,4 @@
-"""What commissioning has to know of an arm: where its TCP is, and what may be off.
+"""The arm as commissioning needs it: its TCP, and the errors it may have.
 
 The arm's model stands beside its driver and knows nothing of this module: it fits by its shape, as
 for planning. Lengths are in mm, angles in rad; a name ends in its unit.
@@ -17,7 +17,7 @@ class ArmUnknown(Protocol):
 
     @property
     def name(self) -> str:
-        """Such as `upper_mm` or `elbow_rad`; it ends in the unit."""
+        """Name of the figure, such as `upper_mm` or `elbow_rad`; it ends in the unit."""
 
     @property
     def nominal(self) -> float:
@@ -25,11 +25,11 @@ class ArmUnknown(Protocol):
 
     @property
     def bound(self) -> float:
-        """How far off it may be, in either direction."""
+        """Largest error, in either direction."""
 
 
 class KinematicArm(Protocol):
-    """An arm whose figures are to be found."""
+    """An arm with unknown errors."""
 
     @property
     def unknowns(self) -> Sequence[ArmUnknown]:

@@ -1,4 +1,4 @@
-"""Which pictures to take: configurations that together show the unknowns best.
+"""Choice of pictures: the configurations that together determine the unknowns best.
 
 Each candidate's pictures are predicted from the prior, and so is what they add to the knowledge of
 all unknowns (docs/adr/0044). The one that adds most is taken, then the one that adds most to that:
@@ -30,7 +30,7 @@ _CORNERS_MIN: Final = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A configuration that may be gone to for a picture, free of contact as the caller knows."""
+    """A configuration for a picture, free of contact according to the caller."""
 
     camera: str
     face: str
@@ -57,7 +57,7 @@ class Choice:
 def predicted_picture(
     layout: Layout, x: FloatArray, candidate: Candidate, corners_mm: FloatArray, name: str = ""
 ) -> BoardPicture | None:
-    """Return the picture that a configuration will give, None if it does not show the board.
+    """Return the expected picture of a configuration, None if it does not show the board.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def choose(
 def _information(
     layout: Layout, terms: PictureTerms, noise_px: float, joint_std: FloatArray
 ) -> tuple[FloatArray, IndexArray]:
-    """Return rows (k, c) whose squares are a picture's information, and their columns (c,)."""
+    """Return rows (k, c) with a picture's information as their squares, and their columns (c,)."""
     used = np.ones(len(terms.residual_px), dtype=bool)
     white = whitening(terms, used, noise_px, joint_std)
     by = white.apply(terms.by_unknowns.reshape(2 * len(used), -1)) * layout.std[terms.columns]
@@ -156,7 +156,7 @@ def _gain(cov: FloatArray, rows: FloatArray, at: IndexArray) -> float:
 
 
 def _learnt(cov: FloatArray, rows: FloatArray, at: IndexArray) -> FloatArray:
-    """Return the covariance (m, m) once a picture's rows are known, too."""
+    """Return the covariance (m, m) after adding a picture's rows."""
     across = cov[:, at] @ rows.T
     inside = np.eye(len(rows)) + rows @ across[at]
     out: FloatArray = cov - across @ np.linalg.solve(inside, across.T)

@@ -1,4 +1,4 @@
-"""What is wrong where pictures contradict each other, by its name.
+"""Faults behind pictures that contradict each other, by name.
 
 A gross fault makes the fit of everything bad in no particular place: lenses, zeros and joint noise
 all take their share of it. So each fault that can happen is fitted as well: prints of another size
@@ -37,7 +37,7 @@ _PICTURES_MIN: Final = 3  # least pictures before and after a move; fewer could 
 
 @dataclass(frozen=True, slots=True)
 class FaultLimits:
-    """What a good cell stays below, each with its reason."""
+    """Limits that a good cell stays below, each with its reason."""
 
     scale: float = 0.002  # of a print; a ruler shows 0.0003
     other_board: float = 0.04  # no printer is off by so much: it is another board's file
@@ -73,7 +73,7 @@ def find_faults(
     play: Mapping[str, Play] | None = None,
     limits: FaultLimits = FaultLimits(),
 ) -> tuple[Fault, ...]:
-    """Return what is wrong, the cause before what follows from it; nothing where all is well.
+    """Return the faults, causes before consequences; empty where all is well.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def board_again(
     height_mm: float,
     limits: FaultLimits = FaultLimits(),
 ) -> BoardAgain:
-    """Return how differently a camera sees a board that was put back where it was.
+    """Return the shift that a camera sees in a board that was put back at its mark.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def _likeliest(
 def _scaled(
     prior: CellPrior, pictures: Sequence[BoardPicture], fit: CellFit, limits: FaultLimits
 ) -> list[tuple[float, tuple[Fault, ...]]]:
-    """Return how likely the pictures are if prints may have any size, and which have a wrong one.
+    """Return the likelihood of the pictures with prints of any size, and the prints that are wrong.
 
     A whole cell that is enlarged looks the same to its cameras: what is left then is the arm, whose
     lengths and travel are known.
@@ -235,7 +235,7 @@ def _scaled(
 def _camera_moved(
     prior: CellPrior, pictures: Sequence[BoardPicture], fit: CellFit, limits: FaultLimits
 ) -> list[tuple[float, tuple[Fault, ...]]]:
-    """Return how likely the pictures are if a camera moved at the likeliest time, for each."""
+    """Return the likelihood of the pictures if a camera moved at the likeliest time, for each."""
     out: list[tuple[float, tuple[Fault, ...]]] = []
     for camera in prior.cameras:
         columns = fit.layout.where(camera)
@@ -255,7 +255,7 @@ def _camera_moved(
 def _slipped(
     prior: CellPrior, pictures: Sequence[BoardPicture], fit: CellFit, limits: FaultLimits
 ) -> list[tuple[float, tuple[Fault, ...]]]:
-    """Return how likely the pictures are if the plate slipped in the jaws, for each grasp."""
+    """Return the likelihood of the pictures if the plate slipped in the jaws, for each grasp."""
     out: list[tuple[float, tuple[Fault, ...]]] = []
     for grasp, held in prior.grasps.items():
         columns = fit.layout.where(f"{grasp}.grasp")
@@ -284,7 +284,7 @@ def _slipped(
 def _moved(
     kind: str, subject: str, by: FloatArray, since: str, limits: FaultLimits
 ) -> Fault | None:
-    """Return the fault of something that moved (6,) [rad, mm], if it is large enough."""
+    """Return the fault of an object that moved (6,) [rad, mm], if it is large enough."""
     turn, shift = float(np.linalg.norm(by[:3])), float(np.linalg.norm(by[3:]))
     if turn < limits.moved_rad and shift < limits.moved_mm:
         return None
@@ -306,7 +306,7 @@ def _named(pictures: Sequence[BoardPicture], taken_s: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Helped:
-    """By how much other values for the later pictures would help, and since when most."""
+    """Return the gain from other values for the later pictures, and its best starting point."""
 
     gain: float
     since_s: float

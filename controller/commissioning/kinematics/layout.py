@@ -1,4 +1,4 @@
-"""The unknowns of a cell in one vector x, and what a board's corners say about them.
+"""The unknowns of a cell in one vector x, and the residuals of a board's corners.
 
 x holds differences from the prior, 0 at first. A pose is turned from the left about its own origin
 by a rotation vector, then moved: six numbers, rotation [rad] first. The chain of a corner is

@@ -1,4 +1,4 @@
-"""Chance in the pictures: of single corners, and of the arm's joints from stop to stop.
+"""Noise in the pictures: of single corners, and of the arm's joints from stop to stop.
 
 A corner's noise is its own. What a joint is off its counter moves the whole board of one picture;
 counted as corners' noise it would make 40 corners of one stop look like 40 measurements. So each
@@ -25,7 +25,7 @@ _POSE_SIZE: Final = 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whitening:
-    """What makes one picture's residuals independent, of standard deviation 1.
+    """Whitening of one picture's residuals, to standard deviation 1.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Whitening:
 def whitening(
     terms: PictureTerms, used: BoolArray, noise_px: float, joint_std: FloatArray
 ) -> Whitening:
-    """Return what decorrelates one picture.
+    """Return the whitening matrix of one picture.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def whitening(
 
 
 def within_picture(terms: PictureTerms, used: BoolArray) -> FloatArray:
-    """Return what of a picture's residuals (n, 2) no pose of its board explains."""
+    """Return the part of a picture's residuals (n, 2) that no pose of its board explains."""
     by = terms.by_board.reshape(-1, _POSE_SIZE)
     keep = np.repeat(used, 2)
     step, *_ = np.linalg.lstsq(by[keep], terms.residual_px.ravel()[keep], rcond=None)

@@ -1,4 +1,4 @@
-"""Play of the gears, and how well homing repeats: the same counts gone to in different ways.
+"""Play of the gears, and repeatability of homing: the same counts approached in several ways.
 
 Both compare pictures of one stop with each other, so that what the cell's model has wrong is the
 same in all of them and drops out: each stop gets a free pose of its board. What is left is what the
@@ -53,7 +53,7 @@ class Play:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HomingScatter:
-    """How far the arm is from itself after another homing.
+    """Difference of the arm from itself after another homing.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ def measure_play(
 def measure_homing(
     layout: Layout, x: FloatArray, stops: Sequence[StopPicture], homings: Sequence[int]
 ) -> HomingScatter:
-    """Return how well homing repeats.
+    """Return the repeatability of homing.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def measure_homing(
 
 
 def _check_both_sides(motor: str, stops: Sequence[StopPicture]) -> None:
-    """Raise KinematicsError unless some stop was gone to from both sides of a motor."""
+    """Raise KinematicsError unless some stop was approached from both sides of a motor."""
     for stop in {s.stop for s in stops}:
         if len({motor in s.above for s in stops if s.stop == stop}) == 2:
             return
@@ -194,7 +194,7 @@ def _measured(
 def _joint_shift(
     layout: Layout, terms: PictureTerms, used: BoolArray, noise_px: float
 ) -> FloatArray:
-    """Return how far the joints (6,) are from their counters, as one picture shows it.
+    """Return the difference between the joints (6,) and their counters in one picture.
 
     Joints that the picture hardly shows are held near 0, within the bounds of the arm's zeros.
     """

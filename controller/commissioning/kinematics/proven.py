@@ -17,7 +17,7 @@ MAX_ODD = 2  # more than these are not chance
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProvenFit:
-    """A cell as its pictures show it, and what is wrong with it.
+    """A cell as its pictures show it, and the faults found in it.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""All pictures of all boards -> the cell: bundle adjustment with priors, and what it leaves open.
+"""All pictures of all boards -> the cell: bundle adjustment with priors, and its uncertainty.
 
 Least squares by scipy over the unknowns of `layout`, in units of their prior spread. The prior
 holds what the pictures do not show: base and zeros may share a turn, plate and jaws a shift. A
@@ -41,7 +41,7 @@ _ROUNDS: Final = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureFit:
-    """How one picture agrees with the cell.
+    """Agreement of one picture with the cell.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class CellFit:
         return float(self.x[i]), float(self.std[i])
 
     def camera(self, name: str) -> Camera:
-        """Return a camera as calibrated; one that was moved, as it stands now."""
+        """Return a calibrated camera; a moved one at its present pose."""
         return self.layout.camera(self.x, name, np.inf)
 
     def observed(self, off: FloatArray, jac: FloatArray) -> "CellFit":

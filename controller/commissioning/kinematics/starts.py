@@ -34,7 +34,7 @@ def board_pose(camera: Camera, board: FoundBoard) -> FloatArray:
 
 
 def placed_roughly(camera: Camera, board: FoundBoard, height_mm: float) -> Placing:
-    """Return where a board lies on the table, to about a centimetre and some degrees.
+    """Return the rough pose of a board on the table, to a centimetre and some degrees.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def held_roughly(
     T_world_tcp: FloatArray,
     std: FloatArray | None = None,
 ) -> Grasp:
-    """Return how the jaws hold a plate, roughly: the pads lie on its large faces.
+    """Return the rough pose of a plate in the jaws: the pads lie on its large faces.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How well a calibrated cell knows where its TCP is: in the world, and for its cameras.
+"""Uncertainty of a calibrated cell's TCP: in the world, and for its cameras.
 
 The full covariance of the fit is propagated, so that what the pictures fix as a whole counts as a
 whole: base and shoulder may share a turn that nothing shows, and the TCP is where it is all the
@@ -24,7 +24,7 @@ _RELEVANT: Final = ("base", "arm")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseUncertainty:
-    """Of one pose; standard uncertainties, so that twice of them holds 95 %.
+    """Standard uncertainties of one pose; twice of them holds 95 %.
 
     Attributes
     ----------
@@ -67,14 +67,14 @@ def tcp_poses(fit: CellFit, q: FloatArray, x: FloatArray | None = None) -> Float
 
 
 def tcp_uncertainty(fit: CellFit, q: FloatArray) -> tuple[PoseUncertainty, ...]:
-    """Return how well the TCP's pose in the world is known at joints (n, 6)."""
+    """Return the uncertainty of the TCP's pose in the world at joints (n, 6)."""
     jac = _tcp_derivatives(fit, q)
     cov = jac @ fit.cov @ jac.transpose(0, 2, 1)
     return tuple(PoseUncertainty(c, radius_u(c[3:, 3:]), radius_u(c[:3, :3])) for c in cov)
 
 
 def aim_uncertainty_mm(fit: CellFit, camera: str, q: FloatArray) -> FloatArray:
-    """Return how well a camera and the TCP meet (n,): standard uncertainty across its sight line.
+    """Return the standard uncertainty (n,) between a camera and the TCP, across its sight line.
 
     A pick goes to where the overhead camera has seen a part, and a view has the part where the
     inspection camera looks. Either way counts by how much the TCP is off the pixel that it is
@@ -113,7 +113,7 @@ def aim_uncertainty_mm(fit: CellFit, camera: str, q: FloatArray) -> FloatArray:
 
 
 def camera_uncertainty(fit: CellFit, camera: str, points_mm: FloatArray) -> FloatArray:
-    """Return how well a camera places points across its sight line (n,) [mm].
+    """Return the uncertainty of a camera's points across its sight line (n,) [mm].
 
     Lens and pose vary together, by their covariance; half the radius that holds 95 %.
 
@@ -142,7 +142,7 @@ def camera_uncertainty(fit: CellFit, camera: str, points_mm: FloatArray) -> Floa
 
 
 def repeatability_mm(fit: CellFit, q: FloatArray) -> float:
-    """Return how far the TCP is from itself at another stop: standard uncertainty [mm].
+    """Return the standard uncertainty between the TCP and itself at another stop [mm].
 
     It follows from the joints' noise that the pictures show; the worst of joints (n, 6).
     """

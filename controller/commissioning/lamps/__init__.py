@@ -1,4 +1,4 @@
-"""Lamps by their pictures: which one is lit, how bright, how evenly, and how soon it is steady.
+"""Lamps by their pictures: identity, brightness, evenness and settling time.
 
 Arrays in, dataclasses out. A lamp is known by the pattern that its light makes on
 the table and on the panel behind the station, as far as both cameras see them.

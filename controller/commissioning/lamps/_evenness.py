@@ -1,4 +1,4 @@
-"""How evenly a panel glows, and how much of a picture is too bright to be measured."""
+"""Evenness of a panel's light, and the share of a picture that is too bright to be measured."""
 
 from typing import Final
 
@@ -11,7 +11,7 @@ WHITE: Final = 254  # a pixel at this level may have been brighter
 
 
 def evenness(lit: Grey, dark: Grey, inside: BoolArray) -> float:
-    """Return the least light as a share of the most, over fields that are wholly on the panel.
+    """Return the least light as a share of the most, over fields wholly on the panel.
 
     Parameters
     ----------
@@ -36,5 +36,5 @@ def evenness(lit: Grey, dark: Grey, inside: BoolArray) -> float:
 
 
 def saturated_share(picture: Grey) -> float:
-    """Return the share of a picture's pixels that are as bright as a pixel can be."""
+    """Return the share of a picture's pixels that are saturated."""
     return float((picture >= WHITE).mean())

@@ -21,7 +21,7 @@ GRID: Final = (4, 4)  # fields down and across
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Light:
-    """A lamp that may be lit.
+    """A lamp of the cell.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Light:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """What a camera sees behind all parts.
+    """Background of a camera behind all parts.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ def _expected_in(light: Light, surface: Surface) -> FloatArray:
 def assign(
     seen: Mapping[str, FloatArray], expected: Mapping[str, FloatArray]
 ) -> tuple[Assignment, ...]:
-    """Return which lamp each name switches, such that all of them agree best together.
+    """Return the lamp that each name switches, for the best agreement of all together.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def assign(
 
 
 def _agreement(seen: FloatArray, expected: FloatArray) -> float:
-    """Return 1 less what a pattern leaves of another at the best brightness, as a share of it.
+    """Return 1 less the share of a pattern that another one, at the best brightness, leaves.
 
     Sums of absolute differences, not of squares: fields in a shadow say little against all others.
     """

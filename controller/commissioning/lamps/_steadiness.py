@@ -13,11 +13,11 @@ FINAL_SHARE: Final = 0.25  # share of the last samples that gives the final ligh
 
 
 class TooFewSamplesError(ValueError):
-    """Too few pictures to say when the light was steady."""
+    """Too few pictures to find when the light was steady."""
 
 
 def seconds_to_steady(delay_s: FloatArray, light: FloatArray) -> float:
-    """Return the delay from which on all samples are within 2 % of the final light [s].
+    """Return the delay after which all samples are within 2 % of the final light [s].
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The procedure of commissioning: what a step is, what it leaves, and what still holds of it.
+"""The procedure of commissioning: its steps, their records, and what is still valid.
 
 Knows no device. `_record.py` is what a step leaves behind, `_status.py` whether that still holds,
 `_taught.py` what jogging

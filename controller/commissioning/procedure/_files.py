@@ -28,7 +28,7 @@ MAX_RECORD_BYTES: Final = 4 << 20
 
 
 class Folder:
-    """What a commissioning keeps.
+    """Files of a commissioning.
 
     Parameters
     ----------
@@ -44,11 +44,11 @@ class Folder:
         return self.path / "cell.yaml"
 
     def record_file(self, step: str) -> Path:
-        """Return where the last record of a step stands."""
+        """Return the path of a step's last record."""
         return self.path / "steps" / f"{step}.json"
 
     def calibration_file(self, name: CalibrationName) -> Path:
-        """Return where a calibration stands."""
+        """Return the path of a calibration."""
         return self.path / "calibrations" / f"{name}.json"
 
     def begin_evidence(self, step: str, at: datetime) -> Path:
@@ -152,7 +152,7 @@ class Folder:
         write_whole(self.cell_file, text)
 
     def load_for(self, nominal: Path, makes: Sequence[CalibrationName]) -> Cell:
-        """Return the cell as commissioned so far, without what a step is about to measure anew.
+        """Return the cell as commissioned so far, without the values a step is about to measure.
 
         Parameters
         ----------

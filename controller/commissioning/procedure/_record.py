@@ -1,4 +1,4 @@
-"""What a step of commissioning leaves: figures with their limits, pictures, who, and how it ended.
+"""Record of a step of commissioning: figures with limits, pictures, the person, and the end.
 
 Written as JSON; `docs/commissioning.md` names the fields.
 """
@@ -17,7 +17,7 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class Outcome(StrEnum):
-    """How a step ended."""
+    """End of a step."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -27,7 +27,7 @@ class Outcome(StrEnum):
 
 
 class Figure(Section):
-    """One measured value and what is allowed.
+    """One measured value and its limit.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Picture(Section):
 
 
 class GivenAnswer(Section):
-    """What a person was asked and answered.
+    """A question to a person, and the answer.
 
     Attributes
     ----------

@@ -11,7 +11,7 @@ from ._record import Outcome, StepRecord
 
 
 class Status(StrEnum):
-    """What holds of a step now."""
+    """Present status of a step."""
 
     DONE = "done"
     STALE = "stale"
@@ -37,7 +37,7 @@ class StepPlan:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What holds of one step.
+    """Standing of one step.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ def standings(
     digest: str,
     calibrations: Mapping[CalibrationName, str],
 ) -> tuple[Standing, ...]:
-    """Return what holds of each step, in their order.
+    """Return the standing of each step, in their order.
 
     A step is stale if the cell file describes another cell by now, if a calibration that it used
     or wrote is another one by now, if a step that it needs was repeated after it or is not done

@@ -1,4 +1,4 @@
-"""What was taught by jogging: text of a cell file with it, and the calibration of trays."""
+"""Results of teaching by jog: the new text of the cell file, and the calibration of trays."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What siting needs of each part; it does not depend on where camera and fixed gripper stand."""
+"""Siting's data of each part, independent of the poses of camera and fixed gripper."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class FamilyMember:
 
     @property
     def showable(self) -> float:
-        """The share of the surface that some grasp and some direction show."""
+        """The share of the surface that some grasp shows in some direction."""
         return float(self.weights[self.shown.any(axis=(0, 1))].sum())
 
     def share(self, packed: NDArray[np.uint8]) -> FloatArray:
@@ -110,7 +110,7 @@ class FamilyMember:
 def family_member(
     part: PreparedPart, layout: CellLayout, grasp_count: int, fixed_count: int, direction_count: int
 ) -> FamilyMember:
-    """Return a prepared part, thinned to what a search over sites can afford.
+    """Return a prepared part, thinned for a search over sites.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def _picks(
 
 
 def completing(shown_by_grasp: BoolArray, weights: FloatArray) -> BoolArray:
-    """Return for each pair of grasps (g, g) whether the second shows what the first one hides.
+    """Return a mask (g, g): the second grasp of the pair shows the surface hidden by the first.
 
     Parameters
     ----------

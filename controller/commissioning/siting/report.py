@@ -23,7 +23,7 @@ MIN_PICKS = 0.01  # share of the places on the table; a smaller difference is no
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SiteReport:
-    """Where camera and fixed gripper should stand, and whether moving them is worth it.
+    """Best poses of camera and fixed gripper, and the gain from moving them.
 
     Attributes
     ----------
@@ -162,7 +162,7 @@ def least_moved(found: Sequence[SiteScore], present: SiteScore, as_good: float) 
 
 
 def moved_mm(a: CellSite, b: CellSite) -> float:
-    """Return how far station, camera and fixed gripper move; a degree of turn counts as 5 mm."""
+    """Return the distance that station, camera and fixed gripper move; a degree counts as 5 mm."""
     moved = float(np.linalg.norm(a.station_mm - b.station_mm))
     moved += TURN_MM * _angle_deg(float(a.towards @ b.towards))
     if a.T_world_fixed_tcp is not None and b.T_world_fixed_tcp is not None:
@@ -199,12 +199,12 @@ def _close(a: CellSite, b: CellSite, mm: float = 100.0, deg: float = 30.0) -> bo
 
 
 def camera_words(site: CellSite) -> str:
-    """Return in words which way the camera looks, and at which point."""
+    """Describe the direction and the target point of the camera."""
     return f"look along {along(site.looks_along)} at {_at(site.station_mm)}"
 
 
 def fixed_gripper_words(T: FloatArray) -> str:
-    """Return in words where the fixed gripper's fingertips stand and which way they point."""
+    """Describe the position and direction of the fixed gripper's fingertips."""
     return (
         f"stand with its tips at {_at(T[:3, 3])}, pointing along {along(T[:3, 0])}, "
         f"its jaws closing along {along(T[:3, 1])}"

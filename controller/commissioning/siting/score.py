@@ -1,4 +1,4 @@
-"""Score a site: how much of the parts it shows, how freely, and in how many seconds."""
+"""Score a site: the share of the parts shown, the clearance, and the seconds."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Stage = Literal["joints", "checked"]
 
 @dataclass(frozen=True, slots=True)
 class SiteOptions:
-    """How finely to search, and what counts as better.
+    """Fineness of the search, and the gain that counts as better.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What is answered at *Cell*: what is known of it, its pictures, and the doctor's findings."""
+"""Answers of *Cell*: the state of the cell, its pictures, and the doctor's findings."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class CellAnswers:
         return visit.html("cell.html.j2")
 
     async def facts(self, visit: Visit) -> Response:
-        """Return what is known of a cell; the first one where none is named."""
+        """Return the state of a cell; of the first one where none is named."""
         key = visit.request.query_params.get("cell", "")
 
         def work() -> dict[str, Any] | None:
@@ -105,7 +105,7 @@ class CellAnswers:
         return _missing() if found is None else Response(found, media_type="image/jpeg")
 
     async def evidence(self, visit: Visit) -> Response:
-        """Return a file of the commissioning, to be kept; nothing of it runs within the page."""
+        """Return a file of the commissioning as a download; the page never executes it."""
         params = visit.request.query_params
         name = params.get("name", "")
 
@@ -128,7 +128,7 @@ class CellAnswers:
         return Response(found[0], media_type=EVIDENCE_KINDS[found[1]], headers=headers)
 
     async def doctor(self, visit: Visit) -> Response:
-        """Return what the doctor found last in a cell, and whether it looks now."""
+        """Return the doctor's last findings on a cell, and whether a check is under way."""
         key = visit.request.query_params.get("cell", "")
         work = self._workshop.last("doctor", key)
         running = self._workshop.running

@@ -1,4 +1,4 @@
-"""What files and journal say of a cell: devices, calibrations, steps, drift. Asks no device."""
+"""A cell from its files and journal: devices, calibrations, steps, drift. Asks no device."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class CellFile:
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """What the runs in a journal have left of a cell.
+    """Record of a cell in the runs of a journal.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ def named(files: Sequence[CellFile], key: str) -> CellFile | None:
 
 
 class History:
-    """What the journal says of past runs; the whole of it is read once a minute at most.
+    """Past runs from the journal, which is read whole once a minute at most.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class History:
         self._read_s = 0.0
 
     def past(self) -> Past:
-        """Return what the runs have left."""
+        """Return the record of the runs."""
         if self._past is None or self._clock() - self._read_s >= HISTORY_EVERY_S:
             self._past = read_past(self._path)
             self._read_s = self._clock()
@@ -153,7 +153,7 @@ class History:
 
 
 def read_past(journal: Path) -> Past:
-    """Return what the runs in a journal have left of the cell."""
+    """Return the record of the cell in the runs of a journal."""
     if not journal.exists():
         return Past({})
     began, posed, connected = rows.RunBegan.row_name, rows.ViewsPosed.row_name, "connected"
@@ -187,7 +187,7 @@ def read_past(journal: Path) -> Past:
 
 
 def cell_facts(files: CellFiles, file: CellFile, past: Past, now: datetime) -> dict[str, Any]:
-    """Return what is shown of a cell.
+    """Return the data that the screen shows of a cell.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ class TakenPicture:
 
 
 class LastPictures:
-    """Follows the newest run's rows, and knows the last pictures of each camera.
+    """Follows the newest run's rows, and keeps the last pictures of each camera.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class LastPictures:
         return file_within(self._runs_dir / self.run, shown[number].file)
 
     def facts(self) -> dict[str, Any]:
-        """Return what is shown: the run's name, and each picture with what was measured of it."""
+        """Return the data for the screen: the run's name, and each picture with its values."""
         try:
             found = self.look()
         except JournalError as error:

@@ -1,4 +1,4 @@
-"""What all screens share: how one is written, who gets in, languages, files, pictures, style.
+"""Code shared by all screens: routes, access, languages, files, pictures, style.
 
 Its `templates/` and `static/` are there for every screen: `screen.html.j2` is extended by the
 page of a screen, `/static/shared.js` has its texts, numbers and orders.

@@ -1,4 +1,4 @@
-"""What screens hand out to be drawn: pictures of a run, the mesh of its part."""
+"""Data that screens hand out to be drawn: pictures of a run, the mesh of its part."""
 
 import asyncio
 import gzip
@@ -49,7 +49,7 @@ def picture_bytes(path: Path) -> bytes | None:
 
 
 async def run_picture(folder: Path, name: str) -> Response | None:
-    """Return the answer that is a picture of a run, for browsers to keep; None without one.
+    """Return a picture of a run as an answer that browsers may cache; None without one.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ async def run_picture(folder: Path, name: str) -> Response | None:
 
 
 def why_not_drawn(count: int) -> str:
-    """Return why a mesh of so many triangles is not drawn, empty where it is."""
+    """Return the reason why a mesh of so many triangles is not drawn; empty where it is."""
     if count <= TRIANGLE_MAX_COUNT:
         return ""
     return f"the part has {count} triangles, {TRIANGLE_MAX_COUNT} at most are drawn"
@@ -104,5 +104,5 @@ def packed_json(content: object) -> bytes:
 
 
 def packed(content: bytes) -> Response:
-    """Return an answer of JSON that is compressed already."""
+    """Return compressed JSON as an answer."""
     return Response(content, media_type="application/json", headers={"Content-Encoding": "gzip"})

@@ -1,4 +1,4 @@
-"""What is answered without a session: log-in, the printed link, log-out, the page's own files."""
+"""Answers without a session: log-in, the printed link, log-out, the page's own files."""
 
 import asyncio
 from http import HTTPStatus
@@ -31,7 +31,7 @@ class Entrance:
 
     @property
     def routes(self) -> list[Route]:
-        """All that is answered without a session."""
+        """All answers without a session."""
         return [
             Route("/", self.root),
             Route("/login", self.login_form, methods=["GET"]),
@@ -51,7 +51,7 @@ class Entrance:
         return self._form(request, "", "", 200)
 
     async def login(self, request: Request) -> Response:
-        """Log somebody in, or refuse; slow on purpose, one at a time. Return the way on."""
+        """Log somebody in, or refuse; slow on purpose, one at a time. Return the redirect."""
         frame = self._frame
         try:
             form = parse_qs((await request.body()).decode(), max_num_fields=4, errors="strict")
@@ -97,7 +97,7 @@ class Entrance:
         return response
 
     async def who(self, request: Request) -> Response:
-        """Return who is logged in."""
+        """Return the user who is logged in."""
         session = self._frame.session(request)
         if session is None:
             return refused(401, NOBODY)
@@ -122,7 +122,7 @@ class Entrance:
         return self._frame.html(request, "login.html.j2", values, status=status)
 
     def _entered(self, request: Request, account: Account) -> Response:
-        """Return the way to the page for somebody who has just logged in."""
+        """Return the redirect to the page for a user who has just logged in."""
         frame = self._frame
         # a cookie that was there before is worth nothing afterwards
         frame.sessions.end(request.cookies.get(frame.site.cookie, ""))

@@ -1,4 +1,4 @@
-"""Makes routes of what screens answer, each behind the checks of its kind."""
+"""Makes routes of the screens' answers, each behind the checks of its kind."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
@@ -74,7 +74,7 @@ def is_own(request: Request, csrf: str) -> bool:
 def _entered(
     frame: Frame, screen: Screen, one: Look | Act | Upload, request: Request
 ) -> Visit | Response:
-    """Return the visit that a request is, or why it is none."""
+    """Return the visit of a request, or the reason why it is refused."""
     session = frame.session(request)
     if session is None:
         wants_page = one.path == "" or "text/html" in request.headers.get("accept", "")

@@ -1,4 +1,4 @@
-"""What a screen of the page is made of: where it stands, who may see it, what it answers.
+"""Parts of a screen of the page: its place, its users, its answers.
 
 A screen lists looks, acts and uploads. It makes no route itself: `routing.py` does, and puts the
 checks of session, role, token and body before each, so that none can be left out.
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What the page was started with.
+    """Start options of the page.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Setting:
 
 
 class RefusedError(Exception):
-    """What is asked is not done; its text is the answer.
+    """The request is refused; the text is the answer.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class NoBody(Body):
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Something that is fetched (GET) and changes nothing.
+    """An answer to GET; it changes nothing.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class Act:
-    """Something that is done (POST): a small JSON body, with the token of the session.
+    """An order by POST: a small JSON body, with the token of the session.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Act:
 
 @dataclass(frozen=True, slots=True)
 class Upload:
-    """A file that is taken (POST): its bytes alone are the body, its name stands in the query.
+    """An upload by POST: its bytes alone are the body, its name is in the query.
 
     Attributes
     ----------

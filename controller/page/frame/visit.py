@@ -1,4 +1,4 @@
-"""The frame round all screens, and what a screen is given with each request."""
+"""The frame round all screens, and a screen's data with each request."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ YEAR_S: Final = 31_536_000
 
 
 def refused(status: int, text: str) -> JSONResponse:
-    """Return an answer that says no, with a sentence why."""
+    """Return a refusal, with a sentence on the reason."""
     return JSONResponse({"error": text}, status)
 
 
@@ -41,7 +41,7 @@ def address_of(request: Request) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What all screens share.
+    """Data shared by all screens.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visit:
-    """A request of somebody who is logged in and may do what is asked.
+    """A request of a logged-in user with the right to it.
 
     Attributes
     ----------
@@ -131,12 +131,12 @@ class Visit:
 
     @property
     def account(self) -> Account:
-        """Who asks."""
+        """The user."""
         return self.session.account
 
     @property
     def who(self) -> str:
-        """Who asks, as the journal names it."""
+        """The user, as named in the journal."""
         return f"{self.account.name}, page"
 
     @property

@@ -46,7 +46,7 @@ SHARED: Final = "frame"
 
 
 def word(text: str) -> str:
-    """Return a text as it is; a test holds texts that are so marked against the catalogues."""
+    """Return a text unchanged; the mark lets a test compare such texts with the catalogues."""
     return text
 
 
@@ -73,7 +73,7 @@ def catalogue(language: str, screen: str = SHARED) -> gettext.NullTranslations:
 
 
 def translator(language: str, screen: str = SHARED) -> Callable[[str], str]:
-    """Return what puts an English text into a language; unknown texts stay as they are."""
+    """Return the translator of English texts into a language; unknown texts stay unchanged."""
     return catalogue(language, screen).gettext
 
 
@@ -88,7 +88,7 @@ def every_word(language: str, screen: str = SHARED) -> Mapping[str, str]:
 
 @cache
 def cell_words(language: str) -> Mapping[str, str]:
-    """Return all that the cell says by its English, blanks in both; nothing for English."""
+    """Return the cell's sentences by their English, blanks in both; empty for English."""
     if language == "en":
         return {}
     place = files(f"controller.page.{SHARED}") / "catalogues" / language / "LC_MESSAGES"
@@ -99,7 +99,7 @@ def cell_words(language: str) -> Mapping[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class _Pattern:
-    """A text of the catalogue: the words between its blanks, what it fits, its translation.
+    """A text of the catalogue: the words between its blanks, its pattern, its translation.
 
     Most texts lack the longest of these words, which spares nearly all patterns the rest.
     """
@@ -122,11 +122,11 @@ class _Pattern:
 
     @property
     def own_length(self) -> int:
-        """How much it says by itself."""
+        """Length of its fixed words."""
         return sum(map(len, self.chunks))
 
     def found(self, text: str) -> Mapping[str, str]:
-        """Return what stands in its blanks in a text; nothing where it does not fit."""
+        """Return the content of its blanks in a text; None where it does not match."""
         at = 0
         for chunk in self.chunks:  # spares nearly all patterns their expression
             at = text.find(chunk, at) + len(chunk)
@@ -141,7 +141,7 @@ def _filled(word: str, parts: Mapping[str, str | None]) -> str:
 
 
 def _taken(name: str) -> str:
-    """Return what stands in a blank of this name, as an expression."""
+    """Return the regular expression for a blank of this name."""
     if FIGURE_NAME.fullmatch(name):
         return FIGURE.pattern
     return r"\S+?" if ID_NAME.fullmatch(name) else ".+?"
@@ -149,7 +149,7 @@ def _taken(name: str) -> str:
 
 @cache
 def teller(language: str) -> Callable[[str], str]:
-    """Return what puts a text of the cell into a language; unknown texts stay as they are."""
+    """Return the translator of the cell's texts into a language; unknown texts stay unchanged."""
     words = cell_words(language)
     # the one that says most by itself comes first
     patterns = sorted(
@@ -176,7 +176,7 @@ def teller(language: str) -> Callable[[str], str]:
         return in_pieces(text, _CLAUSES, depth) or text
 
     def in_pieces(text: str, separator: re.Pattern[str], depth: int) -> str:
-        """Return several texts in words; empty where one of them is not known."""
+        """Return several texts translated; empty where one of them is unknown."""
         pieces = separator.split(text)
         if len(pieces) == 1:
             return ""
@@ -187,7 +187,7 @@ def teller(language: str) -> Callable[[str], str]:
         return "".join(each) if is_known else ""
 
     def in_blank(name: str, part: str, depth: int) -> str | None:
-        """Return what stands in a blank in words; None where that blank cannot take it."""
+        """Return the content of a blank translated; None where that blank cannot take it."""
         if FIGURE_NAME.fullmatch(name):
             return _written(language, part)
         found = told(part, depth)
@@ -202,7 +202,7 @@ def teller(language: str) -> Callable[[str], str]:
 def value_in(
     language: str, value: float | None, digits: int = 3, *, is_signed: bool = False
 ) -> str:
-    """Return a number as a language writes it, or a dash for what is not known.
+    """Return a number in a language's notation, or a dash for an unknown one.
 
     Parameters
     ----------

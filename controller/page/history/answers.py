@@ -1,4 +1,4 @@
-"""What *History* answers: the list, one part's record, its pictures, charts, two parts compared."""
+"""Answers of *History*: the list, one part's record, its pictures, charts, two parts compared."""
 
 import asyncio
 from collections import Counter
@@ -110,7 +110,7 @@ class HistoryAnswers:
         )
 
     async def part(self, visit: Visit) -> Response:
-        """Return all that is known of a part."""
+        """Return the full record of a part."""
         try:
             part = await self._records.part(visit.request.path_params)
         except HistoryError as error:
@@ -239,7 +239,7 @@ _SHOWN: Final[Mapping[str, Any]] = {
 
 
 def _alarm_words(number: int) -> str:
-    """Return what an alarm says happened; empty for one of another version."""
+    """Return an alarm's text; empty for one of another version."""
     alarm = BY_NUMBER.get(number)
     return "" if alarm is None else alarm.words
 
@@ -267,7 +267,7 @@ def _pairs(
 
 
 def counted_alarms(alarms: Sequence[Mapping[str, Any]]) -> list[tuple[Mapping[str, Any], int]]:
-    """Return alarms in their order, those that came again only once, with how often they came."""
+    """Return alarms in order, repeated ones once with their number."""
     firsts: dict[tuple[object, ...], Mapping[str, Any]] = {}
     counts: Counter[tuple[object, ...]] = Counter()
     for one in alarms:

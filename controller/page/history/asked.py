@@ -1,4 +1,4 @@
-"""What a person asked of the history, from the address of the page; nonsense is left out."""
+"""A person's query of the history, from the address of the page; invalid values are left out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ class Asked:
 
 
 def asked(query: QueryParams) -> Asked:
-    """Return what the query of an address asks."""
+    """Return the query in an address."""
     values = {name: query.get(name, "").strip()[:TEXT_MAX] for name in TEXTS}
     wrong = []
     for name, known in (("verdict", VERDICTS), ("review", REVIEWS_ASKED)):
@@ -96,7 +96,7 @@ def asked(query: QueryParams) -> Asked:
 
 
 def _instant(text: str, *, is_end: bool) -> datetime | None:
-    """Return an instant, UTC without a zone; a day alone is meant whole."""
+    """Return an instant, UTC without a zone; a bare date means the whole day."""
     if not text:
         return None
     if len(text) == len("2026-03-01"):

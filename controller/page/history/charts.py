@@ -22,7 +22,7 @@ CONTROLS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """A chart, and what it shows in numbers.
+    """A chart, and its content in numbers.
 
     Attributes
     ----------

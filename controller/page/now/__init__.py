@@ -1,4 +1,4 @@
-"""*Now*: what the cell does, and what a person orders it to do.
+"""*Now*: the cell's present activity, and orders to the cell.
 
 `live.py` polls, `fold.py` folds the journal, `scene.py` draws, `starting.py` starts runs,
 `answers.py` answers.

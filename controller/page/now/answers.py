@@ -1,4 +1,4 @@
-"""What *Now* answers: the stream of changes, scene, mesh, pictures, and orders to the cell."""
+"""Answers of *Now*: the stream of changes, scene, mesh, pictures, and orders to the cell."""
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -132,15 +132,15 @@ class NowAnswers:
                 await poller
 
     async def now(self, visit: Visit) -> Response:
-        """Return what the cell does now, as a page."""
+        """Return the page of the cell's present activity."""
         return visit.html("now.html.j2")
 
     async def wall(self, visit: Visit) -> Response:
-        """Return what the cell does now, to be read from three metres, as a page."""
+        """Return the same page for reading from three metres."""
         return visit.html("wall.html.j2")
 
     async def events(self, visit: Visit) -> Response:
-        """Return a stream of what is known, then of each change, while the session lasts."""
+        """Return a stream of the present state, then of each change, while the session lasts."""
         stream = self._live.watch(visit.account.name, address_of(visit.request))
         try:
             first = await anext(stream, None)
@@ -162,7 +162,7 @@ class NowAnswers:
         )
 
     async def scene(self, _: Visit) -> Response:
-        """Return what stands in the cell."""
+        """Return the static objects of the cell."""
         scene = self._live.scene
         if scene is None:
             return refused(404, word("there is no cell to draw"))
@@ -195,13 +195,13 @@ class NowAnswers:
         return await run_picture(folder, name) or missing
 
     async def choices(self, _: Visit) -> Response:
-        """Return the recipes and cell files that a run may be started with."""
+        """Return the recipes and cell files available for a run."""
         choices, last = await self._launcher.choices(), await self._launcher.last()
         again = None if last is None else last.model_dump(mode="json")
         return JSONResponse({**asdict(choices), "last": again})
 
     async def list(self, _: Visit, sent: Uploaded) -> Response:
-        """Keep a list of parts that a run may be started with; return its key and what it has."""
+        """Keep a list of parts for a run; return its key and its content."""
         return JSONResponse(await self._launcher.keep_list(sent))
 
     async def cancel(self, _: Visit, __: CancelBody) -> Response:

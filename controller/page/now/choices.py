@@ -1,4 +1,4 @@
-"""What a run may be started with: the recipes and cell files of a project, and those shipped."""
+"""Choices for a run: the recipes and cell files of a project, and those shipped."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ IS_CELL: Final = re.compile(r"^devices\s*:", re.MULTILINE)
 
 @dataclass(frozen=True, slots=True)
 class RecipeChoice:
-    """A recipe that a run may be started with.
+    """A recipe available for a run.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class RecipeChoice:
 
 @dataclass(frozen=True, slots=True)
 class CellChoice:
-    """A cell file that may be given instead of the recipe's own.
+    """A cell file available in place of the recipe's own.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class CellChoice:
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """All that a run may be started with."""
+    """All choices for a run."""
 
     recipes: tuple[RecipeChoice, ...]
     cells: tuple[CellChoice, ...]
@@ -73,7 +73,7 @@ class Choices:
 
 
 def choices_of(project_dir: Path) -> Choices:
-    """Return what a run in a project may be started with, read anew."""
+    """Return the choices for a run in a project, read anew."""
     recipes: list[RecipeChoice] = []
     cells: list[CellChoice] = []
     emulated_in = cache(_emulated_in)  # most recipes of a project share a cell file

@@ -1,4 +1,4 @@
-"""What the page shows of a run, folded row by row from its journal. No I/O, no clock."""
+"""State of a run for the page, folded row by row from its journal. No I/O, no clock."""
 
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -45,7 +45,7 @@ class Path:
 
 @dataclass(slots=True)
 class Arm:
-    """The arm as the journal has it: where it stands, or on which path it is.
+    """The arm as the journal has it: its position, or its path.
 
     Attributes
     ----------
@@ -151,12 +151,12 @@ class RunFold:
 
     @property
     def recipe_name(self) -> str:
-        """Its name, empty where it has none."""
+        """Its name; empty without one."""
         return str(self.recipe.get("name", ""))
 
     @property
     def _at_hand(self) -> dict[str, str]:
-        """Recipe and serial number of the part at hand, each empty where nobody knows it yet."""
+        """Recipe and serial number of the current part, each empty while unknown."""
         label, began = self._label, self.began
         if label is not None:
             return {"recipe": label.name, "serial": label.serial}
@@ -171,7 +171,7 @@ class RunFold:
         return [int(size[0]), int(size[1])]
 
     def coverage(self) -> dict[str, Any]:
-        """Return how much of each face the views of the part have compared so far, as JSON."""
+        """Return the share of each face compared so far, as JSON."""
         return {
             "run": self.run,
             "part": self.part.number,
@@ -181,7 +181,7 @@ class RunFold:
         }
 
     def facts(self) -> dict[str, Any]:
-        """Return what the page shows of it, as JSON."""
+        """Return its data for the page, as JSON."""
         began = self.began
         return {
             "run": self.run,
@@ -217,7 +217,7 @@ class RunFold:
         self.compared = {}
 
     def _take_course(self, row: Row, body: rows.Body | None) -> None:
-        """Take what is about the run and the arm."""
+        """Take a row about the run or the arm."""
         match body:
             case rows.RunBegan():
                 self.began, self.began_utc = body, row.t_utc
@@ -246,7 +246,7 @@ class RunFold:
                 pass
 
     def _take_part(self, row: Row, body: rows.Body | None) -> None:
-        """Take what is about the part at work."""
+        """Take a row about the current part."""
         match body:
             case rows.PartIdentified():
                 self._recipe_number, self._label = body.recipe, body
@@ -305,7 +305,7 @@ class RunFold:
                 pass
 
     def _take_people(self, row: Row, body: rows.Body | None) -> None:
-        """Take what a person did, or has to know."""
+        """Take a row about a person's action or a notice to a person."""
         match body:
             case rows.RunBegan() if body.operator:
                 self._act(row, "start", body.operator, "", "handled")
@@ -374,7 +374,7 @@ class RunFold:
 
 
 def _open(label: str) -> str:
-    """Return the label of a planned step without what only the verdict decides: which tray."""
+    """Return the label of a planned step without the tray, which only the verdict decides."""
     return PLACE if label.startswith(f"{PLACE} ") else label
 
 

@@ -1,4 +1,4 @@
-"""What a run left in a gripper, by the journal: the evidence for *Unfinished part*."""
+"""A part that a run left in a gripper, by the journal: the evidence for *Unfinished part*."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,7 +28,7 @@ def left_in_grippers(journal: Path, began: rows.RunBegan) -> tuple[Held, ...]:
 
 
 def fold_of(journal: Path, run: str) -> RunFold:
-    """Return a whole run, folded: where it left arm and part.
+    """Return a whole run, folded: the final places of arm and part.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def fold_of(journal: Path, run: str) -> RunFold:
 
 
 def unfinished(left: Sequence[Held]) -> dict[str, Any] | None:
-    """Return what the page shows of a part that was left in a gripper, as JSON; None for none."""
+    """Return the page's data on a part left in a gripper, as JSON; None for none."""
     if not left:
         return None
     evidence = dict.fromkeys(known_words(one) for one in left)

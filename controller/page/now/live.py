@@ -1,4 +1,4 @@
-"""One poller for all browsers: looks at journal and control socket, hands on what has changed.
+"""One poller for all browsers: reads journal and control socket, and passes on the changes.
 
 The journal's tail is read every 100 ms, and only if its file has changed. The control socket is
 asked right after a new row, and else twice a second: while a cell is paused, its status asks the
@@ -68,7 +68,7 @@ class TooManyWatchersError(Exception):
 
 @dataclass(slots=True, eq=False)
 class Watcher:
-    """A browser that looks. What it has not read yet is replaced, never queued.
+    """A connected browser. Data it has not read yet are replaced, never queued.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Watcher:
         self.has_more.set()
 
     def take(self) -> Iterator[tuple[str, str]]:
-        """Yield kind and JSON of what has waited; the pieces of *Now* are one object, by name."""
+        """Yield kind and JSON of the waiting data; the pieces of *Now* are one object, by name."""
         waiting, self.waiting = self.waiting, {}
         self.has_more.clear()
         pieces = [kind for kind in waiting if kind.startswith(NOW)]
@@ -99,7 +99,7 @@ class Watcher:
 
 
 class Live:
-    """What is known of the cell now.
+    """Present knowledge of the cell.
 
     Parameters
     ----------
@@ -139,13 +139,13 @@ class Live:
         self.scene: CellScene | None = None
 
     async def run(self) -> None:
-        """Look, until it is cancelled."""
+        """Poll until cancelled."""
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._follow_journal())
             tasks.create_task(self._follow_status())
 
     async def watch(self, owner: str = "", address: str = "") -> AsyncIterator[tuple[str, str]]:
-        """Yield what is known, then each change: its kind and its JSON.
+        """Yield the present state, then each change: its kind and its JSON.
 
         Parameters
         ----------
@@ -195,7 +195,7 @@ class Live:
 
     @property
     def age_s(self) -> float:
-        """How old what is shown is: since the journal was read, and the cell asked [wall s]."""
+        """Age of the data on screen: since the journal was read, and the cell polled [wall s]."""
         return time.monotonic() - min(self._looked_s, self._answered_s)
 
     def hang_up(self) -> None:
@@ -247,7 +247,7 @@ class Live:
             await asyncio.sleep(POLL_WALL_S)
 
     async def _find_left(self) -> None:
-        """Find what a run that is over left in a gripper; nothing while a run works."""
+        """Find the parts that a finished run left in a gripper; none while a run works."""
         fold, status = self.fold, self._status
         is_decided = status is not None and status.state not in UNDECIDED
         if fold is None or fold.began is None or is_decided:
@@ -288,7 +288,7 @@ class Live:
         return has_new
 
     def publish(self) -> None:
-        """Hand on what has changed."""
+        """Pass on all changes."""
         fold, scene = self.fold, self.scene
         for name, piece in self._cell_facts().items():
             self._put(NOW + name, piece)
@@ -310,7 +310,7 @@ class Live:
         self._put("ghost", {"motion": ghost})
 
     def _publish_run(self, fold: RunFold | None) -> None:
-        """Hand on what has changed of the run; called after a row of it, or without one."""
+        """Pass on the changes of the run; called after a row of it, or without one."""
         if fold is None:
             self._put(f"{NOW}run", None)
             return
@@ -321,7 +321,7 @@ class Live:
         self._put("coverage", fold.coverage())
 
     def _first_motion(self) -> Waypoints:
-        """Return the joints that the arm goes through first when the pause ends; () if none."""
+        """Return the first joints of the arm when the pause ends; () if it does not move."""
         first = None if self._status is None else self._status.first_motion
         return () if first is None else first.waypoints
 
@@ -338,7 +338,7 @@ class Live:
         return {**self._cell_facts(), "run": None if self.fold is None else self.fold.facts()}
 
     def _cell_facts(self) -> dict[str, Any]:
-        """Return what is shown of the cell itself, as JSON."""
+        """Return the page's data on the cell itself, as JSON."""
         status, silent = self._status, self._why_no_status
         if self._asked_s is not None and time.monotonic() - self._asked_s > FRESH_WALL_S:
             status, silent = None, f"no answer for {FRESH_WALL_S:.0f} s"
@@ -367,7 +367,7 @@ class Live:
         return is_this and fold is not None and fold.is_at_rest
 
     def _preparing(self) -> dict[str, Any] | None:
-        """Return which run is being prepared, and whose: it has the lock, and no row yet."""
+        """Return the run in preparation, and its user: it has the lock, and no row yet."""
         holder = self._holder
         if holder is None or (self.fold is not None and self.fold.run == holder.run):
             return None
@@ -411,7 +411,7 @@ def light_of(status: StatusReply | None, has_run: bool, state: str) -> str:
 
 
 def _status(status: StatusReply) -> dict[str, Any]:
-    """Return a status as JSON, its alarms with what a person does about them."""
+    """Return a status as JSON, its alarms with the actions for a person."""
     found = facts(status)
     del found["at_s"]  # changes with each reading, and nobody looks at it
     alarms = []

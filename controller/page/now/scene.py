@@ -1,4 +1,4 @@
-"""The cell in three dimensions: what stands, where the arm is now, where the part is. mm.
+"""The cell in three dimensions: static objects, the arm, the part now. mm.
 
 Boxes are those of collision checks. Each has the half of its edges and a pose, (4, 4) row by row.
 """
@@ -46,7 +46,7 @@ class CellScene:
 
     @classmethod
     def of(cls, cell: Mapping[str, Any]) -> "CellScene":
-        """Return the scene of a cell as a run's first row has it.
+        """Return the scene of a cell from a run's first row.
 
         Raises
         ------
@@ -56,7 +56,7 @@ class CellScene:
 
     @cached_property
     def standing(self) -> dict[str, Any]:
-        """What never moves, as JSON."""
+        """Static objects, as JSON."""
         layout = self.layout
         trays = {
             name: Box.from_bounds(
@@ -106,7 +106,7 @@ class CellScene:
         }
 
     def joints(self, arm: Arm, now_s: float, speed: float) -> FloatArray | None:
-        """Return the joints (6,) at a moment; None where nobody knows them.
+        """Return the joints (6,) at a moment; None where they are unknown.
 
         On a path they are where the arm's timing model has them after that time, at the speed the
         run was started with; at its ends they are those of the journal.

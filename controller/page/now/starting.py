@@ -61,7 +61,7 @@ class CountedRecipe(BaseModel):
 
     @property
     def word(self) -> str:
-        """As the command line has it."""
+        """The arguments of the command line."""
         return self.recipe if self.count is None else f"{self.recipe}={self.count}"
 
 
@@ -121,7 +121,7 @@ class StartBody(Body):
 
     @property
     def again(self) -> "StartBody | None":
-        """The same batch once more; None where it cannot be: each part has its number once.
+        """The same batch once more; None where that is impossible: each part has its number once.
 
         Numbers that were counted go on after the last one. What a person stated about the grippers
         and the trays was true then, and is not stated again.
@@ -132,7 +132,7 @@ class StartBody(Body):
         return self.model_copy(update={**stated, "goes_on": bool(self.serial_from)})
 
     def options(self, who: str, parts_list: Path | None = None) -> list[str]:
-        """Return the options of `cellctl run`; values stand behind `=`, so that none is an option.
+        """Return the options of `cellctl run`; values follow `=`, so none is taken as an option.
 
         Parameters
         ----------
@@ -185,7 +185,7 @@ class Work:
     _read: tuple[int, list[str]] = (-1, [])
 
     def facts(self) -> dict[str, Any]:
-        """Return what the page shows of it, as JSON."""
+        """Return its data for the page, as JSON."""
         if self.code is None:
             self.code = self.process.poll()
         size = self.log.stat().st_size if self.log.exists() else 0
@@ -225,7 +225,7 @@ class Launcher:
         self._lists: dict[str, tuple[str, Path]] = {}
 
     async def keep_list(self, sent: Uploaded) -> dict[str, Any]:
-        """Keep a list of parts that a person sent; return its key and what it has, as JSON.
+        """Keep a list of parts sent by a person; return its key and its content, as JSON.
 
         Parameters
         ----------
@@ -259,7 +259,7 @@ class Launcher:
         return {"key": key, "name": sent.name, **found}
 
     async def choices(self) -> Choices:
-        """Return what may be started."""
+        """Return the choices for a start."""
         return await asyncio.to_thread(choices_of, self._project_dir)
 
     async def start(self, body: StartBody, who: str) -> None:
@@ -290,7 +290,7 @@ class Launcher:
             await asyncio.to_thread(self._remember, body)
 
     async def last(self) -> StartBody | None:
-        """Return the last batch that can be started once more; None before the first."""
+        """Return the last batch that can be repeated; None before the first."""
         return await asyncio.to_thread(self._last)
 
     async def cancel(self) -> None:

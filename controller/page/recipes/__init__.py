@@ -1,4 +1,4 @@
-"""*Recipes*: what a recipe inspects, in three dimensions; tolerances changed; new parts taken in.
+"""*Recipes*: a recipe's inspection in three dimensions; tolerances changed; new parts taken in.
 
 `folder.py` finds recipes, `editing.py` changes them, `taking.py` takes in CAD files, `shown.py`
 makes what the browser draws from what child processes print (`controller/page/work.py`),

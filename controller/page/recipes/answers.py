@@ -1,4 +1,4 @@
-"""What is answered at *Recipes*: the list, one recipe, work on it, its changes, new parts."""
+"""Answers of *Recipes*: the list, one recipe, work on it, its changes, new parts."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ class DraftBody(Body):
 
 
 class SaveBody(DraftBody):
-    """Changes of a recipe, to be written as they were shown."""
+    """Changes of a recipe, to be written exactly as displayed."""
 
     seen: str = Field(min_length=64, max_length=64)
 
 
 class SentBody(Body):
-    """How a file that was sent is to be read."""
+    """Options for reading an uploaded file."""
 
     unit: Literal["mm", "cm", "m", "inch"] = "mm"
     body: str = Field(default="", max_length=120)
@@ -142,7 +142,7 @@ class RecipeAnswers:
         return visit.html("recipe.html.j2", key=file.key, name=file.path.stem, is_own=file.is_own)
 
     async def facts(self, visit: Visit) -> Response:
-        """Return a recipe as it stands, and what is known of it."""
+        """Return a recipe in its present state, with all results on it."""
         file = await self._asked(visit)
         if file is None:
             return _missing()
@@ -151,7 +151,7 @@ class RecipeAnswers:
         return JSONResponse(found)
 
     async def mesh(self, visit: Visit) -> Response:
-        """Return the mesh of a recipe's part, or of the file that was sent."""
+        """Return the mesh of a recipe's part, or of the uploaded file."""
         work = await self._worked(visit, "part")
         if work is None:
             return _missing()
@@ -170,12 +170,12 @@ class RecipeAnswers:
         return Response(data, media_type="image/png")
 
     async def work(self, _: Visit) -> Response:
-        """Return what is at work."""
+        """Return the work in progress."""
         running = self._workshop.running
         return JSONResponse({"running": None if running is None else running.facts()})
 
     async def start(self, visit: Visit, body: WorkBody) -> Response:
-        """Start work on a recipe; return what it is."""
+        """Start work on a recipe; return its description."""
         file = await asyncio.to_thread(self._folder.find, body.of)
         if file is None:
             return _missing()
@@ -195,7 +195,7 @@ class RecipeAnswers:
         )
 
     async def cancel(self, _visit: Visit, _body: NoBody) -> Response:
-        """End what is at work; return whether there was anything."""
+        """End the work in progress; return False if there was none."""
         return JSONResponse({"done": await self._workshop.cancel()})
 
     async def draft(self, _visit: Visit, body: DraftBody) -> Response:
@@ -212,7 +212,7 @@ class RecipeAnswers:
         return JSONResponse({"diff": draft.diff, "seen": draft.sha256})
 
     async def save(self, visit: Visit, body: SaveBody) -> Response:
-        """Write a recipe as it was shown; return what became of it."""
+        """Write a recipe exactly as displayed; return the result."""
         file = await asyncio.to_thread(self._folder.find, body.of)
         if file is None:
             return _missing()
@@ -299,7 +299,7 @@ class RecipeAnswers:
         return await asyncio.to_thread(self._folder.find, f"{params['group']}/{params['name']}")
 
     async def _worked(self, visit: Visit, kind: str) -> Work | None:
-        """Return work that was done on what a request names."""
+        """Return finished work on the subject of a request."""
         params = visit.request.path_params
         key = SENT if params["group"] == SENT else f"{params['group']}/{params['name']}"
         return self._workshop.last(kind, key)
@@ -321,7 +321,7 @@ class RecipeAnswers:
         return str(error).replace(f"{self._folder.own}/", "")
 
     def _listed(self, read: ReadRecipe) -> dict[str, Any]:
-        """Return what the list shows of a recipe."""
+        """Return a recipe's entry in the list."""
         file, recipe = read.file, read.recipe
         known = {kind: self._workshop.last(kind, file.key) for kind in SHOWN}
         return {
@@ -341,14 +341,14 @@ class RecipeAnswers:
 
 
 def _shown(work: Work) -> dict[str, Any]:
-    """Return what came of work, in the form of its kind."""
+    """Return the result of work, in the form of its kind."""
     bodies = work.bodies() if work.state in (WorkState.DONE, WorkState.REFUSED) else []
     found = SHOWN[work.kind](bodies[0]) if bodies else None
     return {"work": work.facts(), "found": found}
 
 
 def _words_of(recipe: Recipe | None) -> dict[str, Any] | None:
-    """Return the settings of a recipe that are shown, and those that can be changed."""
+    """Return the displayed settings of a recipe, and the ones that can be changed."""
     if recipe is None:
         return None
     section = recipe.inspection

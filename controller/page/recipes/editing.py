@@ -1,4 +1,4 @@
-"""What a person changes of a recipe at the page: the new text, its diff, the file written.
+"""A person's changes of a recipe at the page: the new text, its diff, the file written.
 
 Comments, order and quotes of the file stay, by ruamel's round trip. Nothing is written that the
 model of recipes does not accept, or that changes more than was asked for.
@@ -33,7 +33,7 @@ Size = Annotated[float, Field(ge=0, le=5000)]
 
 
 class NotAsShownError(Exception):
-    """The file, or what would be written, is not what the person has seen."""
+    """The file, or the text to write, differs from the one the person has seen."""
 
 
 class _Words(BaseModel):
@@ -41,7 +41,7 @@ class _Words(BaseModel):
 
 
 class CharacteristicChange(_Words):
-    """What is changed of one characteristic; a value of None takes the statement away.
+    """Changes of one characteristic; None removes a statement.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class CharacteristicChange(_Words):
 
 
 class InspectionChange(_Words):
-    """What is changed of the section `inspection`; only keys that are given are changed."""
+    """Changes of the section `inspection`; only the given keys are changed."""
 
     required: Literal["all", "stated"] = "all"
     tolerance_class: Literal["f", "m", "c", "v"] = "m"
@@ -68,7 +68,7 @@ class InspectionChange(_Words):
 
 
 class Changes(_Words):
-    """All that is changed at once.
+    """All changes at once.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Changes(_Words):
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """What a recipe would be.
+    """The changed recipe.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class Draft:
 
 
 def drafted(file: RecipeFile, changes: Changes) -> Draft:
-    """Return what a recipe would be with changes; nothing is written.
+    """Return the recipe with changes; nothing is written.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def drafted(file: RecipeFile, changes: Changes) -> Draft:
 
 
 def save(file: RecipeFile, changes: Changes, seen_sha256: str) -> Draft:
-    """Write a recipe with changes, whole or not at all; return what was written.
+    """Write a recipe with changes, whole or not at all; return the text written.
 
     Parameters
     ----------
@@ -228,13 +228,13 @@ def _apply_one(entries: CommentedSeq, change: CharacteristicChange) -> None:
 
 
 def _set(section: CommentedMap, key: str, value: object) -> None:
-    """Set a value, unless it stands there already: `60` is not rewritten as `60.0`."""
+    """Set a value unless it is there already: `60` is not rewritten as `60.0`."""
     if key not in section or section[key] != value:
         section[key] = value
 
 
 def _require_no_more(file: RecipeFile, old: str, new: str) -> None:
-    """Check that nothing but what is edited here has changed.
+    """Check that nothing has changed outside the edited keys.
 
     Raises
     ------
@@ -246,7 +246,7 @@ def _require_no_more(file: RecipeFile, old: str, new: str) -> None:
 
 
 def _rest(tree: dict[str, Any]) -> dict[str, Any]:
-    """Return a recipe without what is edited here."""
+    """Return a recipe without the keys edited here."""
     inspection = dict(tree.get("inspection") or {})
     for key in (*InspectionChange.model_fields, "characteristics"):
         inspection.pop(key, None)

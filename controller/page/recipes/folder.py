@@ -36,7 +36,7 @@ class RecipeFile:
 
     @property
     def key(self) -> str:
-        """What names it at the page."""
+        """Its name at the page."""
         return f"{self.group}/{self.path.stem}"
 
     @property
@@ -103,7 +103,7 @@ class RecipeFolder:
 
 
 def read_recipe(file: RecipeFile) -> ReadRecipe:
-    """Return a recipe as it stands now, or what is wrong with it."""
+    """Return a recipe in its present state, or its error."""
     try:
         data = file.read()
     except ConfigError as error:
@@ -119,7 +119,7 @@ def read_recipe(file: RecipeFile) -> ReadRecipe:
 
 
 def _recipes_in(folder: Path) -> list[Path]:
-    """Return the files of a folder that are recipes, or are meant as such."""
+    """Return the files of a folder that are, or should be, recipes."""
     try:
         names = sorted(folder.glob("*.yaml"))[:MAX_RECIPE_COUNT]
     except OSError:

@@ -1,4 +1,4 @@
-"""Who changed which file of the project at the page: one JSON object a line, never rewritten.
+"""Log of changes of project files at the page: one JSON object a line, never rewritten.
 
 The journal is the running cell's alone; a recipe is changed without one.
 """

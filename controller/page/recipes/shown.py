@@ -1,4 +1,4 @@
-"""What `cellctl` has printed about a part, a plan and a check, as the browser shows it."""
+"""Output of `cellctl` on a part, a plan and a check, prepared for the browser."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Body = Mapping[str, Any]
 
 
 def part_shown(body: Body) -> dict[str, Any]:
-    """Return what is shown of a compiled part.
+    """Return the data of a compiled part for the browser.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def part_shown(body: Body) -> dict[str, Any]:
 
 
 def plan_shown(body: Body) -> dict[str, Any]:
-    """Return what is shown of a plan, or of why there is none.
+    """Return the data of a plan for the browser, or the reason why there is none.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def plan_shown(body: Body) -> dict[str, Any]:
 
 
 def check_shown(body: Body) -> dict[str, Any]:
-    """Return what is shown of a check.
+    """Return the data of a check for the browser.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def check_shown(body: Body) -> dict[str, Any]:
 
 
 def mesh_shown(folder: Path) -> dict[str, Any]:
-    """Return the mesh that a child process wrote, or why it is not drawn.
+    """Return the mesh written by a child process, or the reason why it is not drawn.
 
     Parameters
     ----------

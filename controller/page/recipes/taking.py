@@ -60,7 +60,7 @@ class Staged:
 
     @property
     def mark(self) -> str:
-        """Changes with what is made of the file."""
+        """Changes with each result of the work on the file."""
         return f"{self.sha256} {self.unit} {self.body}"
 
     def with_choice(self, unit: str, body: str) -> Staged:
@@ -74,13 +74,13 @@ class Staged:
         return replace(self, unit=unit, body=body_name(body))
 
     def arguments(self, folder: Path) -> tuple[str, ...]:
-        """Return what `cellctl` is asked about it; drawings go into a folder."""
+        """Return the arguments of `cellctl` for it; drawings go into a folder."""
         unit = ("--unit", self.unit) if self.is_unitless else ()
         return ("compile", str(self.part), *unit, "--json", "--drawings", str(folder))
 
 
 class Stage:
-    """Keeps the one file that was sent last, until it is taken or another one comes."""
+    """Keeps the last uploaded file until it is taken or another one comes."""
 
     def __init__(self) -> None:
         self.file: Staged | None = None

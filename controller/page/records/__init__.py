@@ -1,4 +1,4 @@
-"""Parts of all runs, for the screens that show them: asked in threads, filled and drawn apart.
+"""Parts of all runs for the screens: queried in threads, store and drawings in another process.
 
 The page's loop waits for none of it, and the cell knows nothing of it.
 """

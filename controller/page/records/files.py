@@ -33,7 +33,7 @@ LISTED_FORMS: Final = ("csv", "qif")  # forms for lists of parts of several runs
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What a file is to have.
+    """Content of a file to write.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Wanted:
 
 
 def write_wanted(url: str, runs_dir: Path, wanted: Wanted, path: Path) -> str:
-    """Write a file; return why it was not written, empty where it was.
+    """Write a file; return the reason if it was not written, else empty.
 
     Parameters
     ----------

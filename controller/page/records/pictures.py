@@ -1,4 +1,4 @@
-"""What the journal has of one part beside the store: its pictures, and how much was compared."""
+"""Data of one part from the journal, beside the store: its pictures and compared shares."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ PER_MILLE = 1000
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture of a part: its number among them, and what it shows."""
+    """A picture of a part: its number among them, and its subject."""
 
     number: int
     view: str
@@ -25,7 +25,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What the journal has of a part.
+    """Data of a part from the journal.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Shown:
 
 
 def shown(runs_dir: Path, run: str, number: int) -> Shown | None:
-    """Return what the journal has of a part; None where there is no such part.
+    """Return the journal's data of a part; None where there is no such part.
 
     Parameters
     ----------

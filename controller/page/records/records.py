@@ -1,4 +1,4 @@
-"""The history as screens have it: one store, opened once, never asked in the page's loop."""
+"""The history for the screens: one store, opened once, never queried in the page's loop."""
 
 import asyncio
 import multiprocessing
@@ -112,7 +112,7 @@ class Records:
     async def query(
         self, question: Callable[Concatenate[Store, P], T], *args: P.args, **kwargs: P.kwargs
     ) -> T:
-        """Return what a question of the history answers, worked out in a thread.
+        """Return the answer of the history to a question, computed in a thread.
 
         Parameters
         ----------
@@ -128,7 +128,7 @@ class Records:
             return await asyncio.to_thread(question, store, *args, **kwargs)
 
     async def part(self, at: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return what is known of a part, the newest rows of the journal included.
+        """Return the record of a part, with the newest rows of the journal.
 
         Parameters
         ----------
@@ -143,7 +143,7 @@ class Records:
         return await self.query(one_part, f"{at['run']}/{at['number']}")
 
     async def freshen(self) -> bool:
-        """Have the store filled with what is new; return whether that goes on still."""
+        """Have new data filled into the store; return True while the filling goes on."""
         now_s = time.monotonic()
         mark = self._marked()
         is_running = self._filling is not None and not self._filling.done()
@@ -178,7 +178,7 @@ class Records:
         return found
 
     async def shown(self, run: str, number: int) -> Shown | str:
-        """Return what the journal has of a part, or why there is nothing.
+        """Return the journal's data of a part, or the reason why there are none.
 
         Parameters
         ----------
@@ -210,7 +210,7 @@ class Records:
         return found if isinstance(found, str) else found.pictures
 
     async def written(self, wanted: Wanted, path: Path) -> str:
-        """Write a file for a person; return why it was not written, empty where it was.
+        """Write a file for a person; return the reason if it was not written, else empty.
 
         Parameters
         ----------
@@ -221,7 +221,7 @@ class Records:
             return await self._apart(write_wanted, self._url, self.runs_dir, wanted, path)
 
     async def _apart(self, work: Callable[..., T], *args: object) -> T | str:
-        """Do work in the process for it; return what it returns, or why it could not."""
+        """Do work in its process; return the result, or the reason why it failed."""
         loop = asyncio.get_running_loop()
         try:
             return await loop.run_in_executor(self._pooled(), work, *args)
@@ -255,7 +255,7 @@ class Records:
         return self._pool
 
     def _marked(self) -> tuple[object, ...]:
-        """Return what changes with the journal; nothing but None where there is none."""
+        """Return a mark that changes with the journal; all None where there is none."""
         try:
             return journal_mark(self.runs_dir / JOURNAL_NAME)
         except OSError:

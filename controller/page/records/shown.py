@@ -20,7 +20,7 @@ CLASSES: Final[Mapping[str, str]] = {
 
 
 def verdict_class(word: str) -> str:
-    """Return the class of a verdict's mark; its sign and word say the same without colour."""
+    """Return the class of a verdict's mark; sign and word carry the same without colour."""
     return CLASSES.get(word, "none")
 
 
@@ -30,7 +30,7 @@ def part_key(part: Mapping[str, Any]) -> str:
 
 
 def page_asked(query: Mapping[str, str], most: int) -> int:
-    """Return the number of the page of a list that an address asks for, 1 where it asks nonsense.
+    """Return the page number that an address asks for; 1 for an invalid one.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def page_count(count: int, listed: int) -> int:
 
 
 def unread(visit: Visit, error: HistoryError) -> Response:
-    """Return the answer where there is no such part, or the history cannot be read."""
+    """Return the answer for a missing part or an unreadable history."""
     if isinstance(error, NoSuchPartError):
         why = word("there is no such part")
         return visit.html("unread.html.j2", 404, title=visit.screen.title, why=why)

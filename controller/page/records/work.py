@@ -1,4 +1,4 @@
-"""What the records' own process does: it fills the store, and draws what findings show."""
+"""Work of the records' own process: filling the store, and drawing findings."""
 
 import multiprocessing
 import os
@@ -41,7 +41,7 @@ def _end_with(page: ParentProcess) -> None:
 
 
 def fill_store(url: str, runs_dir: Path) -> tuple[tuple[str, ...], float]:
-    """Fill the store; return what did not go in, as sentences, and the processor's time [s].
+    """Fill the store; return sentences on the data left out, and the processor's time [s].
 
     Parameters
     ----------

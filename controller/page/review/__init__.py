@@ -1,4 +1,4 @@
-"""*Review*: parts that await a person, what was found on them, and the person's verdict."""
+"""*Review*: parts that await a person, their findings, and the person's verdict."""
 
 from ..frame.screens import Screen, Setting
 from ..frame.words import word

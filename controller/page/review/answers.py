@@ -1,4 +1,4 @@
-"""What *Review* answers: the list of parts, one part, its crops, and the verdict on it."""
+"""Answers of *Review*: the list of parts, one part, its crops, and the verdict on it."""
 
 import asyncio
 from collections.abc import Mapping
@@ -125,7 +125,7 @@ class ReviewAnswers:
         )
 
     async def coverage(self, visit: Visit) -> Response:
-        """Return the part's mesh, and how much of each of its faces was compared."""
+        """Return the part's mesh, and the compared share of each of its faces."""
         at = visit.request.path_params
         try:
             part = await self._records.part(at)
@@ -157,7 +157,7 @@ class ReviewAnswers:
         return Response(found, media_type="image/jpeg", headers=headers)
 
     async def decide(self, visit: Visit, body: DecideBody) -> Response:
-        """Return what a person's verdict made of the part, once the journal has it in their name.
+        """Return the part after a person's verdict, once the journal has it in their name.
 
         Parameters
         ----------

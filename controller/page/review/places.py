@@ -1,4 +1,4 @@
-"""Findings of a part by place: a chip that a dozen pictures show is one thing to decide on."""
+"""Findings of a part by place: one chip in a dozen pictures needs one decision."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Who may look at the page and act through it: accounts, sessions, and a guard before all else."""
+"""Access to the page and to orders: accounts, sessions, and a guard before all else."""
 
 from .accounts import Account, Accounts, AccountsError, Role, accounts_path, require_name
 from .addresses import Site

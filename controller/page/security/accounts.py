@@ -33,7 +33,7 @@ class AccountsError(Exception):
 
 
 class Role(IntEnum):
-    """What a person may do; each role may do what the one before it may."""
+    """Rights of a person; each role includes those of the one before it."""
 
     VIEWER = 1
     """Look."""
@@ -50,7 +50,7 @@ class Role(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Account:
-    """A person who may log in."""
+    """A person with an account."""
 
     name: str
     role: Role
@@ -112,7 +112,7 @@ class Accounts:
         return {name: Role[one.role.upper()] for name, one in self._read().accounts.items()}
 
     def mark(self, name: str) -> str:
-        """Return what changes with role and password of an account; empty for none of that name.
+        """Return a mark that changes with role and password of an account; empty for an unknown.
 
         Raises
         ------

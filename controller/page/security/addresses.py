@@ -1,4 +1,4 @@
-"""Under which address browsers find the page, and what follows from it."""
+"""Address by which browsers find the page, and the values that follow from it."""
 
 import ipaddress
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Site:
 
     @property
     def hosts(self) -> frozenset[str]:
-        """What `Host` may be."""
+        """Allowed values of `Host`."""
         return frozenset(origin.partition("://")[2] for origin in self.origins)
 
     @property

@@ -1,4 +1,4 @@
-"""Stands before all of the page: refuses what no browser of a person at this site sends.
+"""Guard before all of the page: refuses requests that no browser of a person at this site sends.
 
 It reads the whole request before the page sees it, within a size and a time, and puts the headers
 on every answer that keep a browser from doing what the page never does. The bytes of a file it
@@ -93,7 +93,7 @@ class Guard:
         return self._uploads.get(scope["path"]) if scope["method"] == "POST" else None
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
-        """Return the status and the reason with which a request is refused, None if it is not."""
+        """Return the status and the reason of a refused request, None for a valid one."""
         headers: list[tuple[bytes, bytes]] = scope["headers"]
 
         def every(name: bytes) -> list[bytes]:
@@ -156,7 +156,7 @@ async def _read(receive: Receive) -> bytes | None:
 
 
 def _again(body: bytes, receive: Receive) -> Receive:
-    """Return what hands out a body that was read, and then what comes after it."""
+    """Return a receiver that replays a body already read, then continues."""
     is_read = False
 
     async def again() -> Message:

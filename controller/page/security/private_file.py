@@ -13,7 +13,7 @@ class SharedFileError(Exception):
 
 
 def read_private(path: Path) -> bytes | None:
-    """Return what a file of this user has, its first `MAX_BYTES`; None where there is none.
+    """Return the first `MAX_BYTES` of a file of this user; None where there is none.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def read_private(path: Path) -> bytes | None:
 
 
 def write_private(path: Path, text: str) -> None:
-    """Write a file that nobody but this user may read; it is whole, or what it was before.
+    """Write a file that only this user may read, whole or not at all.
 
     Raises
     ------

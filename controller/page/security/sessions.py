@@ -1,4 +1,4 @@
-"""Sessions of browsers, which outlive the page, and how often somebody may try to log in."""
+"""Sessions of browsers, which outlive the page, and limits on failed log-ins."""
 
 import json
 import logging
@@ -38,7 +38,7 @@ ADDRESS_MAX_COUNT: Final = 10_000
 
 @dataclass(slots=True)
 class Session:
-    """A browser that is logged in.
+    """A logged-in browser.
 
     Attributes
     ----------
@@ -149,7 +149,7 @@ class Sessions:
         return token
 
     def redeem(self, token: str) -> Account | None:
-        """Return the account of a token, which is spent by that; None if it is none."""
+        """Return the account of a token, which is then used up; None if it is invalid."""
         account, until_s = self._links.pop(_digest(token), (None, 0.0))
         return account if self._clock() <= until_s else None
 
@@ -157,7 +157,7 @@ class Sessions:
         return "" if self._accounts is None else self._accounts.mark(name)
 
     def _read(self) -> OrderedDict[str, Session]:
-        """Return the sessions of the file that go on; none where it cannot be trusted."""
+        """Return the valid sessions of the file; none where it cannot be trusted."""
         found: OrderedDict[str, Session] = OrderedDict()
         if self._path is None:
             return found
@@ -199,7 +199,7 @@ class Sessions:
 
 @dataclass(slots=True)
 class Attempts:
-    """Log-ins that failed lately; who fails too often has to wait.
+    """Recent failed log-ins; too many of them impose a wait.
 
     Attributes
     ----------
@@ -211,7 +211,7 @@ class Attempts:
     _all: deque[float] = field(default_factory=deque)
 
     def seconds_to_wait(self, address: str) -> float:
-        """Return after how many seconds an address may try again, 0 for now [wall s]."""
+        """Return the seconds until an address may try again, 0 for now [wall s]."""
         now_s = self.clock()
         own = self._by_address.get(address, deque())
         return max(
@@ -219,7 +219,7 @@ class Attempts:
         )
 
     def note(self, address: str) -> None:
-        """Note an attempt, before it is known whether it fails."""
+        """Count an attempt before its result is known."""
         now_s = self.clock()
         self._by_address.setdefault(address, deque(maxlen=ATTEMPT_MAX_COUNT)).append(now_s)
         self._by_address.move_to_end(address)
@@ -257,5 +257,5 @@ def _digest(secret: str) -> str:
 
 
 def _csrf(secret: str) -> str:
-    """Return the token of a session's orders, from which nobody comes back to the secret."""
+    """Return the token of a session's orders, from which the secret cannot be recovered."""
     return sha256(b"token of orders " + secret.encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Reasons why no view tells two hypotheses apart."""
+"""Reasons why no view distinguishes two hypotheses."""
 
 from __future__ import annotations
 

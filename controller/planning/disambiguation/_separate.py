@@ -200,5 +200,5 @@ def cost_s(seconds: FloatArray, margin: FloatArray) -> FloatArray:
 
 
 def needed_px(light: Light, rules: DisambiguationRules) -> float:
-    """Return the difference that tells two hypotheses apart under a light [px]."""
+    """Return the difference between two hypotheses under a light [px]."""
     return rules.min_area_px if light == "backlight" else rules.min_edge_px

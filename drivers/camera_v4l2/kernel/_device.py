@@ -34,7 +34,7 @@ class Device:
         return self._calls.readiness_fd(self._fd)
 
     def acknowledge(self) -> None:
-        """Forget the readiness seen so far."""
+        """Forget any readiness so far."""
         self._calls.acknowledge(self._fd)
 
     def mmap(self, length: int, offset: int) -> BufferMap:

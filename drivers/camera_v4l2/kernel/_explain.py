@@ -1,4 +1,4 @@
-"""Turns an errno of V4L2 into one of the drivers' errors, with what to do about it."""
+"""Turns an errno of V4L2 into one of the drivers' errors, with advice."""
 
 import errno
 import os

@@ -57,7 +57,7 @@ class SysCalls(Protocol):
         ...
 
     def acknowledge(self, fd: int) -> None:
-        """Forget the readiness seen so far; called before the buffers are looked at."""
+        """Forget any readiness so far; called before the buffers are read."""
         ...
 
     def close(self, fd: int) -> None:

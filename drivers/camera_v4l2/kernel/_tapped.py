@@ -86,7 +86,7 @@ class TappedCalls:
         return self._tap.readiness_fd(lambda: self._calls.readiness_fd(fd))
 
     def acknowledge(self, fd: int) -> None:
-        """Forget the readiness seen so far."""
+        """Forget any readiness so far."""
         self._tap.other(lambda: self._calls.acknowledge(fd))
 
     def close(self, fd: int) -> None:

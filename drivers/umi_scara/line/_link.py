@@ -202,7 +202,7 @@ class Link:
         raise BadReplyError(f"arm: IP{ip:d} does not take the line")
 
     async def _hand_over(self, to: Ip) -> None:
-        """Hand the line over once, and check who has it: the acknowledgement proves nothing.
+        """Hand the line over once, and check which board has it: an acknowledgement proves nothing.
 
         Raises
         ------
@@ -241,7 +241,7 @@ class Link:
         return restarted
 
     async def _stop_as_found(self, look: bytes) -> bool:
-        """Dead-stop both IPs before anything is known of them; return whether one handed over.
+        """Dead-stop both IPs before their state is known; return whether one handed over.
 
         A host that was killed leaves axes moving (§8.20), and meeting both IPs takes 0.2 s. Silence
         has put the line in step (§2.9), and a stop harms neither IP. What this does not reach is

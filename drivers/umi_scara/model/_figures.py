@@ -40,7 +40,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class UmiFigures:
-    """An arm whose figures are to be found, about a nominal one."""
+    """An arm with unknown errors, about a nominal one."""
 
     nominal: ArmGeometry
 

@@ -115,7 +115,7 @@ class UmiTiming:
         return q_from + (done * travel) @ _JOIN.T, done[:, slowest]
 
     def courses(self, q_from: Floats, q_to: Floats, count: int) -> tuple[Floats, Floats]:
-        """Return joints (m, 6) and shares (m,) of a move, the wrist as early and as late as it may.
+        """Return joints (m, 6) and shares (m,) of a move, the wrist at its earliest and latest.
 
         Parameters
         ----------

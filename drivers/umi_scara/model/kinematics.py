@@ -282,7 +282,7 @@ def inverse(
     *,
     heading_rad: ArrayLike | None = None,
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return all joints that bring the TCP to a pose (§6.5), and which of them the arm accepts.
+    """Return all joints that bring the TCP to a pose (§6.5), and a mask of those the arm accepts.
 
     Branches are both elbow signs times the wrist's orientations. Where the heading follows from
     the pose, these are two: pitch p, and 180 deg - p with heading and roll half a turn further.

@@ -66,7 +66,7 @@ async def try_motor(axes: Axes, homing: Homing, axis: Axis, guard: Guard) -> Mot
 
 
 async def _go(axes: Axes, axis: Axis, counts: int, guard: Guard) -> int:
-    """Move a motor to a count; return where it has come to rest, against a stop or not."""
+    """Move a motor to a count; return its position at rest, against a stop or not."""
     await axes.write(axis, Parameter.SPEED, TRY_SPEED, guard)
     await axes.write(axis, Parameter.MAX_FORCE, TRY_FORCE, guard)
     await axes.write(axis, Parameter.NEW_POSITION, counts, guard)

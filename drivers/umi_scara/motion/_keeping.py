@@ -144,7 +144,7 @@ class KeepingHoming:
 
     # ---- the other axes ------------------------------------------------------------------------
     async def _guess(self, axis: Axis, counts: int) -> None:
-        """Label an axis with a guess, unless it reads so; its target is where it stands."""
+        """Label an axis with a guess, unless it reads so; its target is its present position."""
         if abs(await self._axes.read_actual_twice(axis) - counts) > _SAME_COUNTS:
             await self._label({axis: counts})
         await self._stops.write(axis, Parameter.NEW_POSITION, counts)

@@ -89,7 +89,7 @@ class Positions:
         self._may_be_relabelled = True
 
     def note_failure(self, error: BaseException) -> None:
-        """Note what ended a motion."""
+        """Record the reason for the end of a motion."""
         self.note_stop(is_free=False)
         if isinstance(error, LineUncertainError):
             self._may_be_zeroed = self._may_be_zeroed or error.may_have_zeroed

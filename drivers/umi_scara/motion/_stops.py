@@ -1,4 +1,4 @@
-"""Finding the stops of the arm: drive axes until they lean, label what they lean on (§4.1, §4.2).
+"""Finding the stops of the arm: drive axes until they lean, then label the stops (§4.1, §4.2).
 
 What every procedure of homing is made of. Sections (§) are those of umi_rtx.md.
 """

@@ -137,7 +137,7 @@ class Sensor:
 
     @property
     def oldest_due_s(self) -> float | None:
-        """See `V4l2Device.oldest_due_s`."""
+        """The oldest due time; see `V4l2Device.oldest_due_s`."""
         with self._lock:
             making = (flight.end_s for flight in self._flights if flight.picture is None)
             return next(making, None)
@@ -176,7 +176,7 @@ class Sensor:
             self._able()
 
     def advance(self, now_s: float) -> float | None:
-        """Return the same as `V4l2Device.advance`; see there."""
+        """Advance; see `V4l2Device.advance`."""
         self._finish_flights()
         with self._lock:
             if self._able_since_s is None:
@@ -201,7 +201,7 @@ class Sensor:
         return self._flights[0].end_s + self.faults.late_s
 
     def deliver(self, ticket: Hashable, picture: Picture) -> None:
-        """Do as `V4l2Device.deliver` says.
+        """Deliver; see `V4l2Device.deliver`.
 
         Raises
         ------
@@ -220,7 +220,7 @@ class Sensor:
                 self._able()  # whoever sleeps has an instant to wait for
 
     def abandon(self, ticket: Hashable) -> None:
-        """See `V4l2Device.abandon`."""
+        """Abandon; see `V4l2Device.abandon`."""
         with self._lock:
             flight = self._flight_of(ticket)
             if flight is None:

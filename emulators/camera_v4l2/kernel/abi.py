@@ -21,7 +21,7 @@ def size_of_request(request: int) -> int:
 
 
 class Request(IntEnum):
-    """The ioctls that this camera knows; any other is answered ENOTTY."""
+    """The supported ioctls; any other is answered ENOTTY."""
 
     QUERYCAP = _request(_READ, 0, 104)
     ENUM_FMT = _request(_READ | _WRITE, 2, 64)

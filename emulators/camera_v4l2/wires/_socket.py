@@ -64,7 +64,7 @@ class SocketCamera:
         self._acceptor.start()
 
     def retire(self) -> None:
-        """Let nobody connect any more; who is connected stays, and hears ENODEV."""
+        """Let nobody connect any more; connected clients stay, and get ENODEV."""
         self.path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)  # wakes accept, which closing does not

@@ -136,7 +136,7 @@ class _MbapListener(TcpListener):
 
     @abstractmethod
     async def _exchange(self, frame: MbapFrame) -> BusReply | None:
-        """Carry out one request and return what goes back to the client, when it goes back."""
+        """Carry out one request and return the reply to the client, when there is one."""
 
 
 def _tcp_frame(transaction: int, reply: BusReply) -> bytes:

@@ -87,7 +87,7 @@ class Bodies:
         self._due[body] = (centre_mm, T_world_frame)
 
     def _reset_due(self, *bodies: int) -> None:
-        """Put these boxes where they are due; all of them if none is named."""
+        """Put these boxes at their places; all of them if none is named."""
         for body in bodies or tuple(self._due):
             if (due := self._due.pop(body, None)) is not None:
                 centre_mm, T = due

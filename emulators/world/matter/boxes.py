@@ -21,7 +21,7 @@ _UP = np.array((0.0, 0.0, 1.0))
 
 
 class CellBoxes:
-    """All boxes of the cell but the parts; follows arm and jaws, and feels what they touch.
+    """All boxes of the cell but the parts; follows arm and jaws, and reports contacts.
 
     Parameters
     ----------

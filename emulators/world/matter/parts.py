@@ -53,7 +53,7 @@ class Part:
 
     @property
     def body(self) -> int:
-        """The pybullet body that stands for it at present."""
+        """The pybullet body that represents it at present."""
         return self.carried if self.state in (HELD, PROPPED) else self.falling
 
     @property

@@ -154,7 +154,7 @@ class PictureDesk:
             self._connection.send(Standpoint(number, cameras[number].T_world_cam))
 
     def add(self, surface: Surface) -> None:
-        """Take one more thing that moves; pictures noted from now on show it."""
+        """Take one more movable object; pictures noted from now on show it."""
         self._scene = replace(self._scene, moving=(*self._scene.moving, surface))
         if self._connection is not None:
             self._connection.send(surface)

@@ -80,7 +80,7 @@ class Eye:
         self._caster = Caster(self.rays.origin_mm)
 
     def add(self, surface: Surface) -> None:
-        """Take one more thing that moves; it is seen once a picture has its pose."""
+        """Take one more movable object; it is visible once a picture has its pose."""
         self._movers[surface.name] = Mover(surface)
 
     def layer(self, lamp: int) -> Array32:

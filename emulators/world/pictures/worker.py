@@ -69,7 +69,7 @@ class _Kept:
 
 
 class PictureMaker:
-    """Makes pictures, one camera after another, and keeps what can serve again."""
+    """Makes pictures, one camera after another, and keeps reusable results."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -84,7 +84,7 @@ class PictureMaker:
             eye.add(surface)
 
     def stand(self, standpoint: Standpoint) -> None:
-        """Let a camera stand elsewhere."""
+        """Move a camera to another pose."""
         number = standpoint.camera
         cameras = list(self._scene.cameras)
         cameras[number] = replace(cameras[number], T_world_cam=standpoint.T_world_cam)

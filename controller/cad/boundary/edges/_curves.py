@@ -115,7 +115,7 @@ class _Runs:
         self.centred = points - self.means[self.run]
 
     def _turning(self, points: FloatArray, chain_start: IntArray) -> FloatArray:
-        """Return 1 for points where a run turns and for its ends, 0 where it goes straight on.
+        """Return 1 at the ends of a run and where it turns, 0 where it is straight.
 
         A point on the chord of an arc comes from a neighbour with other segments; it is not on
         the arc. A run that turns nowhere keeps all its points.

@@ -68,7 +68,7 @@ class Grower:
         return self._seeds_left <= 0
 
     def whole(self, facets: IntArray) -> Found | None:
-        """Return the surface of a whole run of facets, if it is one."""
+        """Return the surface of a whole run of facets, or None."""
         cloud = self._pieces.cloud(facets)
         some = cloud.thinned().points
         candidates = list(fits(cloud))

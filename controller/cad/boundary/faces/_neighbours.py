@@ -1,4 +1,4 @@
-"""Pairs of facets that meet smoothly, and those of them that meet along a long side."""
+"""Pairs of facets that meet smoothly, and the pairs of these that share a long side."""
 
 import numpy as np
 

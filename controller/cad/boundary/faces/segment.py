@@ -55,7 +55,7 @@ def find_faces(mesh: trimesh.Trimesh) -> tuple[tuple[Face, ...], Int32Array]:
 
 
 def search_faces(mesh: trimesh.Trimesh, max_seeds: int = MAX_SEEDS) -> FaceSearch:
-    """Return the surfaces of a mesh, as far as a budget goes.
+    """Return the surfaces of a mesh, within a budget.
 
     The budget is a number of tries, not of seconds, so that a part compiles to the same on any
     machine.
@@ -84,7 +84,7 @@ def search_faces(mesh: trimesh.Trimesh, max_seeds: int = MAX_SEEDS) -> FaceSearc
 
 
 def _planes(facets: Facets) -> BoolArray:
-    """Return a mask (m,) of the facets that count as planes by their size alone."""
+    """Return a mask (m,) of the facets that are large enough to count as planes."""
     largest = np.zeros(facets.count)
     np.maximum.at(largest, facets.a, facets.areas[facets.b])
     np.maximum.at(largest, facets.b, facets.areas[facets.a])
@@ -165,7 +165,7 @@ def _absorb(
 
 
 def _leave_rest(facets: Facets, owner: IntArray, primitives: list[Primitive | None]) -> None:
-    """Make planes and freeform surfaces of the facets that are left."""
+    """Make planes and freeform surfaces of the remaining facets."""
     left = owner < 0
     plane = _planes(facets) & left
     inner = left[facets.a] & left[facets.b] & ~plane[facets.a] & ~plane[facets.b]

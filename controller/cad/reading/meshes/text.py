@@ -82,7 +82,7 @@ class MeshText:
         return value
 
     def with_points(self, rows: "re.Pattern[bytes]") -> "MeshText":
-        """Return the text with decimal points where it has decimal commas.
+        """Return the text with decimal points in place of decimal commas.
 
         ``1,5 2,5 3,0`` has one plain meaning, provided that no number of the file has a point;
         otherwise a comma may separate thousands, or one number from the next.

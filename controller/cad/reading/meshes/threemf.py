@@ -180,13 +180,13 @@ class _Package:
             self._items, self._unit = reading.items, reading.unit
 
     def _chunks(self, name: str) -> Iterator[bytes]:
-        """Yield a model's text; no more of it than the package declares is ever unpacked."""
+        """Yield a model's text; at most the declared size is unpacked."""
         with self._archive.open(self._names[name]) as model:
             while chunk := model.read(CHUNK_BYTES):
                 yield chunk
 
     def _count_tags(self, name: str) -> None:
-        """Check a model's tags before it is parsed, which takes ten times as long."""
+        """Check a model's tags before parsing, which takes ten times as long."""
         for chunk in self._chunks(name):
             self.tag_count += chunk.count(b"<")
             if self.tag_count > MAX_TAGS:

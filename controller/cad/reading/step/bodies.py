@@ -127,7 +127,7 @@ def open_bodies(path: Path, files: References, limits: KernelLimits | None = Non
 
 
 def written(files: References, folder: Path) -> Path:
-    """Write copies of a file and of those it names, as the kernel reads them; return the first.
+    """Copy a file and its references, as the kernel reads them; return the first copy.
 
     Parameters
     ----------

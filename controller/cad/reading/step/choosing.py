@@ -132,7 +132,7 @@ def size_text(size_mm: Iterable[float]) -> str:
 
 
 def row_text(body: Body) -> str:
-    """Return a body's row of a list, behind its name: its size, and where it is placed."""
+    """Return a body's row of a list, behind its name: its size and its placement."""
     return f"{size_text(body.size_mm):<24} {place_text(body)}"
 
 

@@ -191,7 +191,7 @@ def read_step_part(
 
 
 def _many(path: Path, files: References, bodies: Bodies) -> str:
-    """Return a sentence that refuses a file of several bodies, and says if they touch."""
+    """Return a sentence that refuses a file of several bodies, and reports if they touch."""
     touching = touching_text(path, files, bodies)
     return "\n".join(filter(None, (many(path, bodies), touching)))
 
@@ -322,7 +322,7 @@ def _tessellated(
 
 
 def _left_out_text(written: dict[str, Any], face: int) -> str:
-    """Return the sentence on a surface that straight pieces stand in for."""
+    """Return the sentence on a surface that straight pieces replace."""
     x, y, z = written["mean_mm"][face]
     return (
         f"Surface {face + 1} of the file, about ({x:.1f}, {y:.1f}, {z:.1f}) mm, cannot be divided. "

@@ -119,7 +119,7 @@ class KernelRun:
         self._process.wait()
 
     def _wait(self) -> int:
-        """Return the child's exit code, SIGXCPU's where it hangs.
+        """Return the child's exit code; SIGXCPU for a child that hangs.
 
         Its own computing is limited by the kernel; time in which it was ready to run and others
         had the processor counts for nothing.
@@ -161,7 +161,7 @@ class KernelRun:
 
 
 def kept_waiting_s(pid: int) -> float:
-    """Return the time for which a process was ready to run and had no processor [s]."""
+    """Return the time that a process waited, ready to run, for a processor [s]."""
     try:
         return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) * 1e-9
     except (OSError, IndexError, ValueError):

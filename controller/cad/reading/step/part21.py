@@ -250,7 +250,7 @@ def _sorted(one: float, other: float) -> tuple[float, float]:
 
 
 def _in_order(below: "Measure | None", above: "Measure | None") -> tuple[float, float] | None:
-    """Return lower and upper deviation, for any order in which they are written.
+    """Return lower and upper deviation, written in either order.
 
     The standard has the lower one first, with its sign. Some systems write the upper one first,
     and some the same amount twice where they mean it both ways.

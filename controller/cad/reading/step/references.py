@@ -41,7 +41,7 @@ class References:
 
 
 def referred(data: bytes) -> list[str]:
-    """Return the STEP files that a STEP text names, each once, without drawings and the like."""
+    """Return the STEP files named in a STEP text, each once, without drawings and the like."""
     if b"DOCUMENT_FILE" not in data and b"EXTERNAL_IDENTIFICATION" not in data:
         return []
     names = (decoded(match[1]) for match in NAMED.finditer(data))
@@ -138,7 +138,7 @@ def digests_of(path: Path) -> tuple[str, ...]:
 
 
 def _made_of(file: Path) -> Mapping[str, bytes] | None:
-    """Return the content of a STEP file and of the files it names, None for any other file."""
+    """Return the content of a STEP file and of its references, None for any other file."""
     if file.suffix.lower() not in STEP_FORMATS:
         return None
     try:

@@ -96,7 +96,7 @@ def require_whole(path: Path, united: United) -> Body:
 
 
 def touching_text(path: Path, files: References, bodies: Bodies) -> str:
-    """Return a sentence on bodies that form one part together, empty where they do not.
+    """Return a sentence on bodies that together form one part; empty for others.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ class Pieces:
 
 
 def candidate_edges(model: ViewModel, view: Projection) -> Int32Array:
-    """Return the mesh edges (n,) that show unless something hides them."""
+    """Return the mesh edges (n,) that are visible unless something hides them."""
     one, other = view.facing[model.sides[:, 0]], view.facing[model.sides[:, 1]]
     is_drawn = (model.cad_edge >= 0) | ((one == FRONT) != (other == FRONT))
     # neither on the far side of a ridge, nor in a valley under its own overhang

@@ -96,7 +96,7 @@ class GraspAction:
             )
 
     async def _leave(self, step: Pick) -> None:
-        """Open, and go back along the path the arm came by: it is free of contact."""
+        """Open, and go back along the path by which the arm came: it is free of contact."""
         await self.grippers.open_arm(step.pre_open_mm)
         await self.record.set_custody(Custody.ON_TABLE)
         await self.motion.follow(step.motion_up)

@@ -162,7 +162,7 @@ class InspectAction:
         )
 
     async def _go_on(self) -> None:
-        """Go to above the tray of an accepted part, or of a parked one; nothing opens there.
+        """Go above the tray of an accepted or parked part; nothing opens there.
 
         The path is the one that the plan has to that tray. With another verdict the arm goes back
         along it, which is as free as it was, and then to the tray that it needs.

@@ -1,4 +1,4 @@
-"""Fingertips set down by a person: the arm goes above a place, its motors go limp, it is guided.
+"""Fingertips set down by a person: the arm goes above a place and releases its motors.
 
 No camera sees the trays, and no force is felt by this arm. A person finds a corner to half a
 millimetre; where the finger tips are then, the calibrated arm knows.

@@ -22,7 +22,7 @@ SEED: Final = 3
 
 
 async def look_at_the_fingers(bench: Bench, fit: CellFit) -> TcpFit:
-    """Return the TCP between the fingers, as their outline before the panel shows it.
+    """Return the TCP between the fingers, from their outline before the panel.
 
     Parameters
     ----------

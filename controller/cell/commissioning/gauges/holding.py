@@ -60,7 +60,7 @@ async def shake(bench: Bench, held: PlateInJaws) -> None:
 
 
 def _where(bench: Bench, held: PlateInJaws) -> tuple[FloatArray, list[FloatArray]]:
-    """Return the joints (6,) at which to show the plate, and the swings free of contact there."""
+    """Return the joints (6,) for showing the plate, and the swings free of contact there."""
     rng = np.random.default_rng(SEED)
     rows = held.configurations(
         "inspection", REGION, CHOICES, rng, is_front=True, margin_mm=MARGIN_MM

@@ -131,7 +131,7 @@ def scene_about(layout: CellLayout, plate: Box, thickness_mm: float) -> Scene:
 
 
 def columns(layout: CellLayout, scene: Scene, end_mm: float) -> list[Column]:
-    """Return the ways in that are free of contact: at most one for each place across and flip.
+    """Return the free approaches: at most one for each place across and flip.
 
     Parameters
     ----------

@@ -141,7 +141,7 @@ class JogStep:
                 return {}
 
     async def _next_order(self, bench: Bench, jogger: Jogger) -> str | None:
-        """Return the next order; show the arm's state meanwhile."""
+        """Return the next order; display the arm's state meanwhile."""
         ordered = _task(self._pilot.order())
         try:
             while True:

@@ -1,4 +1,4 @@
-"""The steps of commissioning, each a module that knows nothing of the others."""
+"""The steps of commissioning, each a module independent of the others."""
 
 from typing import Final
 

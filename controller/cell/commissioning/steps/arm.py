@@ -231,7 +231,7 @@ async def _at_its_mark(
     name: str,
     caption: str,
 ) -> FoundBoard:
-    """Have the flat board put at its mark, look at it, and have it taken away."""
+    """Have the flat board put at its mark, photograph it, and have it taken away."""
     await lay(bench, file, text, x_mm=at_mm[0], y_mm=at_mm[1])
     picture = await look(bench, "overhead", name, caption)
     board, _ = found_in(picture, flat, "the board at its mark")
@@ -260,7 +260,7 @@ def _prior(
 async def _in_the_jaws(
     bench: Bench, prior: CellPrior, held: PlateInJaws, lying: Sequence[BoardPicture]
 ) -> tuple[list[BoardPicture], list[StopPicture]]:
-    """Return pictures with every motor from below, and stops that were gone to from both sides."""
+    """Return pictures with every motor moved from below, and stops approached from both sides."""
     bench.evidence.show("computing where to show the plate")
     chosen = _configurations(bench, prior, held, lying)
     pictures: list[BoardPicture] = []

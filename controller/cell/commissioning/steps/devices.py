@@ -232,7 +232,7 @@ async def _try_motors(bench: Bench) -> None:
 
 
 async def _prove_watchdog(bench: Bench) -> None:
-    """Cut the communication with the I/O block, and see that the motors lose their supply."""
+    """Cut the communication with the I/O block, and check that the motors lose their supply."""
     io, arm = bench.devices.io, bench.devices.arm
     if not isinstance(io, MotorWatchdog) or io.watchdog_s is None:
         bench.evidence.find(

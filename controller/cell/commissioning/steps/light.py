@@ -1,4 +1,4 @@
-"""Light: each lamp is switched alone and looked at by both cameras.
+"""Light: each lamp is switched alone and viewed by both cameras.
 
 Which lamp it is, by the pattern that it makes, so that swapped channels are found and named; how
 bright it is, whether its brightness follows its setting, how soon it is steady, how evenly a panel
@@ -110,7 +110,7 @@ async def _shoot(bench: Bench, camera: CameraName, lamps: Mapping[str, float]) -
 
 # ---- which is which --------------------------------------------------------------------------
 def lights_of(cell: Cell) -> tuple[Light, ...]:
-    """Return all lamps of a cell, as patterns are expected of them."""
+    """Return all lamps of a cell, as their patterns are expected."""
     lights = []
     for name in cell.lamps:
         light = light_of(cell.lamps[name], cell)

@@ -53,7 +53,7 @@ SEED: Final = 2
 
 
 class VerifyStep:
-    """Checks the calibrated cell's predictions of camera pictures and of a hand-off."""
+    """Checks the predictions of the calibrated cell: camera pictures and a hand-off."""
 
     name = "verify"
     title = "predicted poses of a plate in the calibrated cell, checked by both cameras"

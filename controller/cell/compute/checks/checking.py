@@ -230,7 +230,7 @@ def _remarks(pose: StablePose, part: CompiledPart) -> tuple[str, ...]:
 
 
 def _unseen_by_all(plans: Sequence[Plan], solid: Solid) -> dict[int, str]:
-    """Return the faces of which no plan shows more than `HARDLY`, each with the reason."""
+    """Return the faces that no plan covers by more than `HARDLY`, each with the reason."""
     total_mm2 = sum(face.area_mm2 for face in solid.faces)
     found: list[dict[int, str]] = []
     for plan in plans:

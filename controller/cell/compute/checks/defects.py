@@ -1,4 +1,4 @@
-"""Check whether a cell can find defects as small as a recipe asks for."""
+"""Check whether a cell can find defects as small as the recipe requires."""
 
 from math import ceil
 

@@ -37,7 +37,7 @@ class Truth(IntEnum):
 
 
 def truth_of(condition: Condition, facts: Mapping[str, Truth]) -> Truth:
-    """Return the value of a condition; a fact that is not given is unknown."""
+    """Return the value of a condition; a missing fact is unknown."""
     match condition.op:
         case "fact":
             return facts.get(condition.name, Truth.UNKNOWN)

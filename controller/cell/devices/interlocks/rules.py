@@ -27,7 +27,7 @@ class Check(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """While `when` is true, or may be, `require` must be true.
+    """While `when` is true or unknown, `require` must be true.
 
     Attributes
     ----------

@@ -83,7 +83,7 @@ def read_rows_named(path: Path, names: Sequence[str]) -> Iterator[Row]:
 
 
 def read_rows_counted(path: Path, names: Sequence[str]) -> Iterator[Row]:
-    """Yield the rows of some names, of all runs, in order; of each part from one run alone.
+    """Yield the rows of some names, of all runs, in order; one run alone supplies each part.
 
     A part that went on in a later run has its rows in both. Those of the run that has its record
     count (ADR 96).

@@ -67,7 +67,7 @@ class PlanDropped(Body):
 
 
 class PlanKept(Body):
-    """There is no new plan: the cell goes on with the plan it has."""
+    """No new plan: the cell goes on with its present plan."""
 
     kind = "decision"
     row_name = "plan_kept"
@@ -102,7 +102,7 @@ class SourceDemoted(Body):
 
 
 class DeviceRetried(Body):
-    """A picture, a lamp or a reading did not come; it is tried again after a while [cell s]."""
+    """A failed picture, lamp command or reading; it is repeated after a while [cell s]."""
 
     kind = "decision"
     row_name = "device_retried"
@@ -145,7 +145,7 @@ class RecoveryProposed(Body):
 
 
 class PartResumed(Body):
-    """The part of an interrupted run goes on in this one."""
+    """The part of an interrupted run is continued in this one."""
 
     kind = "decision"
     row_name = "part_resumed"
@@ -247,7 +247,7 @@ class AmbiguityResolved(Body):
 
 
 class ConfirmedFinding(Fields):
-    """A finding that shows in more than one picture."""
+    """A finding in more than one picture."""
 
     view: str
     kind: str

@@ -71,7 +71,7 @@ class EmulatedCellEnded(Body):
 
 
 class AlarmFields(Fields):
-    """An alarm (docs/alarms.md): its subject, and the facts that are unknown since.
+    """An alarm (docs/alarms.md): its subject, and the facts that are unknown since then.
 
     `step` is the action it happened in, `unknown` what is not known from now on, `action` what a
     person does about it.

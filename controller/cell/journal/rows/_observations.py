@@ -18,7 +18,7 @@ class TouchedDown(Body):
 
 
 class Openings(TextByName):
-    """The report of each gripper: whether it holds something, and by which reading."""
+    """The report of each gripper: whether it holds something, and the reading behind it."""
 
     kind = "observation"
     row_name = "openings"
@@ -102,7 +102,7 @@ class TablePictures(TextByName):
 
 
 class OtherHypothesis(Fields):
-    """Another part or pose that an object on the table may be."""
+    """Another hypothesis for an object on the table: part or pose."""
 
     part: str
     pose_index: int
@@ -154,7 +154,7 @@ class Sightings(Body):
 
 
 class ViewHold(Fields):
-    """The hold of the part in a view: as known by then, in which grasp of the arm gripper."""
+    """The hold of the part in a view: as known at that time, and its grasp of the arm gripper."""
 
     number: int
     T_part_tcp: Matrix

@@ -1,4 +1,4 @@
-"""The writer thread: rows reach the file in the order in which they were put in.
+"""The writer thread: rows reach the file in the order of their submission.
 
 Nobody waits for it but whoever secures a row, and they wait for `PATIENCE_WALL_S` at most. So an
 event loop that puts rows in is not held up by a disk that stalls or by another program that has

@@ -152,7 +152,7 @@ class Gate:
             self._waiting.remove(preview)
 
     async def until_admitted(self, admit: Callable[[], Awaitable[None]], preview: Preview) -> None:
-        """Return once a motion is admitted; one barred by an open door waits until it is closed.
+        """Return once a motion is admitted; a motion barred by an open door waits until it closes.
 
         Parameters
         ----------
@@ -280,7 +280,7 @@ class Gate:
         return await self._waiting[0]() if self._waiting else None
 
     def seconds_to(self, kind: PauseKind) -> float | None:
-        """Return the longest time until the cell stands still [cell s]; None if not known.
+        """Return the longest time until the cell stands still [cell s]; None if unknown.
 
         Parameters
         ----------

@@ -258,7 +258,7 @@ class BatchRecord:
         self.show(f"{recovery.reason}; {words}", remaining_s=None)
 
     def show(self, label: str, **more: object) -> None:
-        """Show the operator the cell's present action; ``more`` are fields of `Progress`."""
+        """Display the cell's present action; ``more`` are fields of `Progress`."""
         self._progress.label = label
         self._progress.custody = self.part.custody
         for name, value in more.items():
@@ -268,7 +268,7 @@ class BatchRecord:
     def show_state(
         self, state: str, *, is_at_work: bool = True, is_same_work: bool = False
     ) -> None:
-        """Show the operator the state that the cell has entered; its label is shown by its action.
+        """Display the state that the cell has entered; its label is set by its action.
 
         Parameters
         ----------

@@ -26,7 +26,7 @@ class Label:
 
     @property
     def words(self) -> str:
-        """The part's name in messages, which tells it from others."""
+        """The part's name in messages, which distinguishes it from others."""
         return f"the serial number {self.serial}" if self.serial else f"the lot {self.lot}"
 
 

@@ -140,7 +140,7 @@ class Taking:
         return is_fresh and not (part.recoveries or part.interrupted)
 
     def _let_go(self) -> None:
-        """Forget which object seen is the current part."""
+        """Forget which visible object is the current part."""
         part = self.record.part
         part.sighting, part.neighbours, part.product = None, (), None
         self.labels.give_back(part)
@@ -165,7 +165,7 @@ class Taking:
     async def _choose(
         self, seen: tuple[SightingFields, ...], foreseen: Foreseen | None = None
     ) -> int | None:
-        """Return the number of the object that the cell goes on with; None if it is not there.
+        """Return the number of the object that the cell continues with; None if it is not there.
 
         Where one was foreseen, and may be taken, it is that one: it has a plan.
         """

@@ -1,4 +1,4 @@
-"""Plan how to show the part of this project; print the steps and what stays unseen.
+"""Plan how to show the part of this project; print the steps and the uncovered surface.
 
 Run it with the Python that cellctl is installed in. It moves nothing and needs no device.
 """

@@ -30,7 +30,7 @@ TRAY_MARGIN_MM = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shows:
-    """What one part's grasps show at a site.
+    """Coverage of one part's grasps at a site.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Find where nothing may stand: over the table or a tray, in a camera's sight, against the arm."""
+"""Find forbidden places: over the table or a tray, in a camera's sight, against the arm."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def why_not_here(
     keep_free_mm: FloatArray | None = None,
     look: bool = True,
 ) -> str | None:
-    """Return why camera and fixed gripper may not stand where they are, None if they may.
+    """Return the reason why camera and fixed gripper are at forbidden places, None if they are not.
 
     Parameters
     ----------

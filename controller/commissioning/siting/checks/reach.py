@@ -83,7 +83,7 @@ def table_views(nearest: IntArray, reached: BoolArray) -> BoolArray:
 
 
 def covered_bits(member: FamilyMember, views: BoolArray) -> NDArray[np.uint8]:
-    """Return what each grasp shows in its views, packed: (g, bytes)."""
+    """Return the coverage of each grasp in its views, packed: (g, bytes)."""
     out = np.zeros((len(views), member.bits.shape[2]), dtype=np.uint8)
     for k, row in enumerate(views):
         if row.any():
@@ -116,7 +116,7 @@ def meetings(member: FamilyMember, fixed_count: int) -> FloatArray:
 def met_grasps(
     layout: CellLayout, T_world_fixed_tcp: FloatArray, T_fixed_tcp: FloatArray
 ) -> BoolArray:
-    """Return which arm grasps can meet which fixed ones, by the joints alone: (f, g) bool.
+    """Return a mask (f, g) of the arm grasps that meet fixed ones, by the joints alone.
 
     Checked are the pose in which both hold, the start of the part's path in, and the end of the arm
     gripper's path out.

@@ -13,7 +13,7 @@ AROUND_COUNT = 8  # points round the part's outline that the camera must see, be
 
 
 def links_in_sight(layout: CellLayout, q: FloatArray, radius_mm: float) -> BoolArray:
-    """Return in which configurations (n,) the carriage or the links hide the part.
+    """Return a mask (n,) of the configurations in which carriage or links hide the part.
 
     The part is taken as a ball about the station, so a link that would hide only a corner counts,
     too: such a picture would be of little use.

@@ -200,14 +200,14 @@ def _without_fixed_gripper(layout: CellLayout, fellows: Fellows) -> CellLayout:
 
 
 def _far_mm(layout: CellLayout, a: CellSite, b: CellSite) -> float:
-    """Return how far station and camera of a site are from those of another one."""
+    """Return the distance of a site's station and camera from those of another one."""
     far = standoff_mm(layout)
     apart = np.linalg.norm(a.station_mm - b.station_mm)
     return round(float(apart + far * np.linalg.norm(a.towards - b.towards)), 3)
 
 
 def unlike(sites: Sequence[CellSite], count: int) -> list[CellSite]:
-    """Return the first sites that are not near an earlier one."""
+    """Return the first sites, without those close to an earlier one."""
     kept: list[CellSite] = []
     for site in sites:
         if len(kept) >= count:
@@ -223,7 +223,7 @@ def unlike(sites: Sequence[CellSite], count: int) -> list[CellSite]:
 
 
 def unlike_poses(poses: Sequence[FloatArray], count: int) -> list[FloatArray]:
-    """Return the first fixed gripper poses that are not near an earlier one."""
+    """Return the first fixed gripper poses, without those close to an earlier one."""
     kept: list[FloatArray] = []
     for T in poses:
         if len(kept) >= count:

@@ -63,7 +63,7 @@ class Assembly:
 
     @property
     def moving_scene(self) -> Any:  # noqa: ANN401  (embree has no types)
-        """Moving things alone, which may throw a new shadow; made at its first use."""
+        """Movable objects alone, which may throw a new shadow; made at their first use."""
         if self._moving_scene is None:
             vertices, faces = self._moving
             starts = np.cumsum([0] + [len(one) for one in vertices])

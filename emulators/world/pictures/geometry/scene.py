@@ -72,7 +72,7 @@ class Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """The cell as light sees it.
+    """The cell for the computation of light.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ def part_surface(name: str, solid: Solid) -> Surface:
 
 
 def panel_frame(lamp: LampLayout) -> Array:
-    """Return the pose of a panel: x across, y along ``up``, z where it shines; (4, 4) mm."""
+    """Return the pose of a panel: x across, y along ``up``, z out of its light; (4, 4) mm."""
     T = np.eye(4)
     T[:3, 2], T[:3, 1] = lamp.normal, lamp.up
     T[:3, 0] = np.cross(lamp.up, lamp.normal)

@@ -1,4 +1,4 @@
-"""Lamps: what unit level of each gives back from a point of a surface, towards a camera.
+"""Lamps: light that a point of a surface returns towards a camera at unit level of each.
 
 Radiance is in units of a backlight panel's middle at level 1. It adds up linearly over lamps.
 A ring and a spot are flat sources of some extent that face what the lamp points at: light,

@@ -110,7 +110,7 @@ class Lit:
 
 
 class Shadows:
-    """The light of a scene's lamps on surfaces, with and without what stands between.
+    """The light of a scene's lamps on surfaces, with and without the objects in between.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ def cast_shadows(
     seen: Mask,
     asked: Mask,
 ) -> None:
-    """Clear in ``seen``, (n, k), the pairs asked for that a scene hides from each other.
+    """Clear in ``seen``, (n, k), the requested pairs that a scene hides from each other.
 
     Parameters
     ----------

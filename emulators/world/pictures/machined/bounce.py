@@ -124,7 +124,7 @@ class Nodes:
 
 
 def _steps(corners_mm: Array) -> NDArray[np.intp]:
-    """Return into how many steps each triangle's sides are divided."""
+    """Return the number of steps into which each triangle's sides are divided."""
     across = np.linalg.norm(corners_mm - np.roll(corners_mm, 1, axis=1), axis=2)
     sides = np.asarray(across.max(axis=1))
     pitch_mm = NODE_MM

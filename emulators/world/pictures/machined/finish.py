@@ -208,6 +208,6 @@ def _inner(
 
 
 def _level(directions: Array, normals: Array32) -> Array:
-    """Return directions without what of them is along the normals, (n, 3)."""
+    """Return directions without their component along the normals, (n, 3)."""
     level: Array = directions - normals * np.einsum("ij,ij->i", directions, normals)[:, None]
     return level
