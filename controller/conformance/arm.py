@@ -234,7 +234,7 @@ async def _jaw_units(bench: Bench) -> Figure:
 
 
 async def _silence(bench: Bench) -> Figure:
-    """A silent line is noticed within `arm_silent_s` of the cell file, whoever reads."""
+    """Require that a silent line is noticed within `arm_silent_s` of the cell file."""
     device = await bench.opened()
     limit_s = bench.bounds.arm_silent_s
     await bench.line.silence()
