@@ -1,7 +1,7 @@
 """Names of array types; each function states their shape, unit and frame.
 
-And what NumPy is slow at, the same to the last bit: sums over an axis of two or three, and medians
-of few values.
+Replacements for slow operations of NumPy, the same to the last bit: sums over an axis of two or
+three, and medians of few values.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """Make worker processes: fresh ones that end with their parent, however the parent ends.
 
-This module imports nothing that computes, so that a process has only what its orders need.
+This module imports nothing that computes, so that a process loads only the code its orders need.
 """
 
 import ctypes

@@ -1,7 +1,7 @@
 """An event loop on virtual time: without a clock of the computer, a selector or threads.
 
-When nothing is ready, time jumps to the next timer. Whoever builds on it decides in which order
-what is ready runs (`_run_once`), and what stands in for the world outside.
+When nothing is ready, time jumps to the next timer. Subclasses decide the order of the ready
+callbacks (`_run_once`), and provide the substitutes for the outside world.
 """
 
 import asyncio

@@ -1,8 +1,7 @@
 """An emulated cell's clock, read and held from the drivers' side.
 
-The emulator alone moves the clock; this side reads it and reports how far it has come itself, so
-that cell time never runs away from a process that gets no turn. Sections (§) are those of
-shared-clock.md.
+The emulator alone moves the clock; this side reads it and reports its own progress, so that cell
+time never runs away from a process that gets no turn. Sections (§) are those of shared-clock.md.
 """
 
 import asyncio

@@ -6,7 +6,7 @@ real cell a cell second is a second. On an emulated one it is what the clock sha
 drivers read alike (``docs/shared-clock.md``, `_shared_time`). Nothing here knows a device.
 
 Time-outs and staleness are measured in *attended* time: it stands still while this process could
-not look at its wires, so that a late reader is never taken for a late device.
+not read its wires, so that a late reader is never taken for a late device.
 """
 
 import asyncio

@@ -1,6 +1,6 @@
 """A person guides the finger tips of a limp arm by hand, and sets them down by eye.
 
-Motors that hold do not yield. What the person aims at is seen in the cell; no answer has it.
+Motors that hold do not yield. The person's target is visible in the cell; no answer contains it.
 """
 
 import math

@@ -32,8 +32,8 @@ def make_io_block(
     unit : Modbus unit id
     inputs : of the block by contact, as the cell file has them; the others are on the usual ones
 
-    The settings ``motor_relay`` and ``watchdog_s`` of the cell file are what an installer has wired
-    and set in the block's web console.
+    The settings ``motor_relay`` and ``watchdog_s`` of the cell file are those that an installer has
+    wired and set in the block's web console.
 
     Raises
     ------

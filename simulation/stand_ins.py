@@ -1,7 +1,7 @@
 """The answers to the cell's questions without pictures: the world's truth, made noisy.
 
-In place of the worker process. A picture's first bytes say where the part truly was when it was
-taken (`stamped_picture`); the stand-ins for recognition and inspection read that. Planning is the
+In place of the worker process. A picture's first bytes hold the true pose of the part when it was
+taken (`stamped_picture`); the substitutes for recognition and inspection read that. Planning is the
 real one, done in this process. Nothing of this is part of the product.
 """
 

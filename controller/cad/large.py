@@ -1,7 +1,7 @@
 """Passes over a mesh of a million triangles without all its corners in memory.
 
-Nine numbers a triangle are 90 MB at 1.2 million triangles, and each step of a formula makes as many
-again. What is worked out triangle by triangle is so done in spans; the results are the same.
+Nine numbers a triangle are 90 MB at 1.2 million triangles, and each step of a formula allocates as
+many again. Computations per triangle are therefore done in chunks; the results are the same.
 """
 
 import ctypes

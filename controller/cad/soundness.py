@@ -1,7 +1,7 @@
 """Proof that a mesh is one solid: closed, oriented outwards, one body, without crossings.
 
-A solid here is one outer shell and any number of voids inside it. What is not seen: a surface that
-runs into itself by less than `touch_mm`, and one that lies flat on itself over less than about a
+A solid is one outer shell and any number of voids inside it. Not detected: a surface that
+intersects itself by less than `touch_mm`, and one that lies flat on itself over less than about a
 thousandth of its area.
 """
 

@@ -1,7 +1,8 @@
 """Many parts at once: results computed ahead of a run by other processes.
 
-They only fill the cache (docs/parts.md, "Catalogues"). Whoever prints or plans reads from it as
-ever, and makes what is not there; so a process that ends early costs time, not correctness.
+They only fill the cache (docs/parts.md, "Catalogues"). The process that prints or plans reads the
+cache as ever, and computes missing entries itself; so a process that ends early costs time, not
+correctness.
 """
 
 from .ahead import Ahead, Made

@@ -87,7 +87,8 @@ class Ahead:
     def _take(self, future: Future[Any]) -> None:
         """Take a result; a worker that died, or fell over a defect, ends the work ahead.
 
-        Whoever wanted the part makes it alone, and meets the defect with its own message.
+        The process that wants the part compiles it itself, and reports the defect with its own
+        message.
         """
         task = self._running.pop(future)
         try:

@@ -1,9 +1,9 @@
 """The command line: a room per topic, with its commands and their work.
 
-Each process computes with one thread: matrices are small here, where threads of the numerical
+Each process computes with one thread: matrices are small here, so that threads of the numerical
 libraries wait for one another longer than they compute, and other processes need the other cores.
 The libraries read the variables below once, when they are imported, and child processes inherit
-them. What a user has set stays.
+them. A user's own setting is kept.
 """
 
 import os

@@ -1,7 +1,7 @@
 """Poses of trays and table, from points touched by the arm's finger tips.
 
-The arm that places parts in a tray touches its corners: what is wrong with the arm there moves
-both alike, and a part comes down where the corner was felt.
+The arm that places parts in a tray touches its corners: an error of the arm there shifts both
+alike, and a part is placed where the corner was felt.
 """
 
 from collections.abc import Mapping, Sequence
@@ -130,7 +130,7 @@ def fit_plane(points_mm: FloatArray) -> PlaneFit:
 def play_uncertainty_mm(layout: CellLayout, q: FloatArray, play_deg: Mapping[str, float]) -> float:
     """Return the error of finger tips caused by gear play in a guided arm.
 
-    A person leads the joint and the motor follows: on which flank each gear is, nobody knows.
+    A person leads the joint and the motor follows: the flank of each gear is unknown.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Configurations in which the arm shows a held board to a camera, free of contact.
 
-Poses of the board are drawn over what a camera sees of a region, turned to it within a tilt; each
-is brought about by all configurations that the arm has for it.
+Poses of the board are drawn over the camera's view of a region, facing it within a tilt; each is
+tried with all configurations of the arm.
 """
 
 from dataclasses import dataclass

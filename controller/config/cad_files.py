@@ -1,7 +1,7 @@
 """CAD files by their names alone; ``file.step#NAME`` is one body of several in a file.
 
-A name of that form is a path as any other to who hands it on. Whoever opens, hashes or copies the
-file takes the name apart by `split_cad`.
+Code that only passes such a name on treats it as any path. Code that opens, hashes or copies the
+file splits the name by `split_cad`.
 """
 
 import unicodedata
@@ -51,8 +51,8 @@ class CadSource:
 def split_cad(path: Path) -> CadSource:
     """Return the file and the body that a part's name stands for.
 
-    A file that has the whole name is that file, whatever signs are in it. Otherwise the name ends
-    with the first CAD file in it that is followed by `MARK`, one that is there before others.
+    A file with the whole name is that file, whatever characters the name has. Otherwise the name
+    ends with the first CAD file in it that is followed by `MARK`, an existing one before others.
 
     Parameters
     ----------

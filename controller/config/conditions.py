@@ -1,7 +1,7 @@
 """Conditions over named facts, as interlock rules state them: ``door_closed & !(a | b)``.
 
-``!`` binds strongest, then ``&``, then ``|``. Reads and checks them; what is true is known
-elsewhere.
+``!`` binds strongest, then ``&``, then ``|``. Parses and checks conditions; their truth is
+evaluated elsewhere.
 """
 
 import re

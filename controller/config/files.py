@@ -1,6 +1,6 @@
 """Files: read plain ones of limited size only, never a pipe; written whole or not at all.
 
-A name that somebody else has written leads to no file outside its folder.
+A name written by somebody else leads to no file outside its folder.
 """
 
 import codecs

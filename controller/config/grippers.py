@@ -1,6 +1,6 @@
 """Sections of the cell file about grippers: fingers and their pads, force and times of the jaws.
 
-Times are medians of what the verbs of the shipped drivers take on the cell's clock.
+Times are medians of the verbs of the shipped drivers on the cell's clock.
 """
 
 from typing import Annotated

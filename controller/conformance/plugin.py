@@ -200,7 +200,7 @@ class _Conformance:
     def _prompt(self, request: str) -> bool:
         """Print a request on the terminal; return True if somebody answers yes.
 
-        Who answers has to see the device: a pipe, or a file, is nobody.
+        Only a person who sees the device may answer: a pipe or a file does not count.
         """
         capture = self._config.pluginmanager.getplugin("capturemanager")
         if capture is not None:

@@ -93,9 +93,9 @@ class Bounds:
 class Stopwatch:
     """Measures the time of a device, by its cell's clock.
 
-    It omits what this process missed, and what a clock that is shared with an emulated cell went
-    on by during a last look (`CellClock.held`): the device is to blame for neither. A device is
-    not excused by it for anything of its own.
+    It omits the time that this process missed, and the time for which a clock shared with an
+    emulated cell went on during a last look (`CellClock.held`): neither is the device's fault. The
+    device's own delays are not excused.
 
     Parameters
     ----------

@@ -137,8 +137,8 @@ async def try_requirement(bench: Bench, requirement: Requirement, *, may_move: b
 class Suite:
     """A cell whose devices are tried; `open`, then `attempt` one by one, then `close`.
 
-    Drivers live on an event loop in a thread of its own, so that the cell's clock is attended
-    to while pytest does something else.
+    Drivers live on an event loop in a thread of its own, so that the cell's clock keeps running
+    while pytest does something else.
 
     Parameters
     ----------

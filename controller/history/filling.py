@@ -1,8 +1,8 @@
 """Fills the store from the journals of a folder of runs; reads them only, in short reads.
 
-Nothing here belongs to a run: a command fills before it answers. What is in the store of a part is
-replaced whole, in one transaction, so that filling again changes nothing and a filler that was
-killed leaves no half part. Where store and journal disagree, the journal is right (ADR 67).
+Nothing here belongs to a run: a command fills the store before it answers. The entry of a part is
+replaced whole, in one transaction, so that filling again changes nothing and a killed filler leaves
+no half part. Where store and journal disagree, the journal is right (ADR 67).
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,7 @@
 """The changes of the store's tables from version to version, and the migrations.
 
-A step may ask for the journals to be read once more, where new tables take what was not kept.
-What is in the store stays meanwhile: journals that are gone cannot be read again.
+A step may have the journals read once more, to fill new tables with data that was not kept. The
+content of the store stays meanwhile: journals that are gone cannot be read again.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,6 @@
 """Pictures and rays, without a part: cameras, lamps, lines of sight, levels, outlines, edges.
 
-All rooms that look at a picture stand on this one. Camera frames are OpenCV's; pixel (0, 0) is the
+All rooms that process pictures build on this one. Camera frames are OpenCV's; pixel (0, 0) is the
 centre of the first pixel; lengths are in millimetres, angles in radians.
 """
 

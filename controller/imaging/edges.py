@@ -4,8 +4,8 @@ Along each ray the grey levels are fitted with ``a + b Phi((t - m) / s)``: a ste
 and pixel (references.md L18). The picture is sampled by a cubic spline, which adds no blur of its
 own. All rays are fitted at once.
 
-What else finds edges, and for what: `contours` traces the outline of a backlit part whole, for
-poses; `controller.recognition.fitting` looks for predicted edges pixels away, for poses; the
+Other edge finders: `contours` traces the outline of a backlit part whole, for poses;
+`controller.recognition.fitting` searches for predicted edges pixels away, for poses; the
 registration of `controller.inspection` compares pictures with predictions. None of them measures.
 """
 
@@ -193,8 +193,8 @@ def _strongest(profiles: FloatArray, reach_px: FloatArray, rising: FloatArray | 
 def _one_way(values: FloatArray, noise: float) -> FloatArray:
     """Return 1 for the samples (n, k) that belong to the step in the middle of profiles, else 0.
 
-    Beside a narrow shadow or a bright rim the next step leads back: what lies beyond is not of this
-    one.
+    Beside a narrow shadow or a bright rim the next step leads back: anything beyond it does not
+    belong to this edge.
     """
     count = values.shape[1]
     middle = count // 2

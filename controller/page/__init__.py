@@ -1,8 +1,8 @@
 """The page: the cell in a browser, served by a process of its own (ADR 68, 76).
 
 It reads the journal and acts on the cell through its control socket. `app.py` lists the screens,
-`frame` has what they share, `security` decides who may, `serving.py` serves. The extra `page`
-brings what it needs.
+`frame` has their shared code, `security` the access control, `serving.py` the server. The extra
+`page` installs its dependencies.
 
 To add a screen, say *Review*:
 
@@ -21,12 +21,11 @@ To add a screen, say *Review*:
 
 3. one line in `SCREENS` of `app.py`.
 
-Every answer takes a `Visit` (who asks, in which language, `visit.html(...)`); an act gets its body
-as a model besides, an upload the file. An answer that says no is a `RefusedError`, or
-`refused(...)`. Session, role, origin, token of the session, size and form of the body are checked
-before it is called. Its page extends `screen.html.j2` (blocks `title`, `head`, `content`) and loads
-`/static/review/review.js`, which imports `/static/shared.js`: `t()` puts a text into the language,
-`post()` sends an act, `send()` a file. Texts in Python that reach a person are marked with
-`word("...")`. Style within the HTML and scripts within it are refused by the browser; so is a
-script from elsewhere.
+Every answer takes a `Visit` (user, language, `visit.html(...)`); an act gets its body as a model
+besides, an upload the file. A refusal is a `RefusedError`, or `refused(...)`. Session, role,
+origin, token of the session, size and form of the body are checked before the call. Its page
+extends `screen.html.j2` (blocks `title`, `head`, `content`) and loads `/static/review/review.js`,
+which imports `/static/shared.js`: `t()` translates a text, `post()` sends an act, `send()` a file.
+Texts in Python that reach a person are marked with `word("...")`. Style within the HTML and scripts
+within it are refused by the browser; so is a script from elsewhere.
 """

@@ -147,8 +147,8 @@ class Server(uvicorn.Server):
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """End the page; a second signal does not wait for answers.
 
-        uvicorn's own method has the process die of the signal in the end, and what child processes
-        share is then left behind.
+        uvicorn's own method lets the process die of the signal in the end, which would leave behind
+        the shared resources of child processes.
         """
         self.force_exit = self.should_exit
         self.should_exit = True

@@ -1,8 +1,8 @@
 """Faces with borders that the kernel has misread get new ones, from their edges alone.
 
-A file has a surface and its edges in space; where an edge runs on a surface that closes upon itself
-the kernel works out on its own, and fails where an edge runs along a pole or where the surface
-meets itself. On a ball it may then take what lies outside of a border for the face.
+A file has a surface and its edges in space; the kernel itself computes the course of an edge on a
+surface that closes upon itself, and fails if the edge runs along a pole or where the surface meets
+itself. On a ball it may then take the area outside of a border for the face.
 """
 
 from typing import Any, Final

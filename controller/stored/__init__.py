@@ -1,7 +1,7 @@
 """Stored pictures of a part, judged alike for a run, for stored sets and for a replay.
 
 `pictures.py` reads them, `view_set.py` builds the views of a set, `judging.py` has the part
-inspected as a recipe says, `lines.py` turns what came out into JSON. Nothing here knows a device.
+inspected by a recipe, `lines.py` turns the results into JSON. Nothing here knows a device.
 """
 
 from .judging import Judging, compiled_part, judge_ahead, judge_views, read_pictures

@@ -1,7 +1,7 @@
 """A camera that is a folder of pictures, or a video: recorded elsewhere, fed to the cell.
 
-The pictures are old: neither lamps nor exposure had any part in them. What the driver promises of a
-frame is when it was shown, by the cell's clock. Knows no V4L2.
+The pictures are old: neither lamps nor exposure had any effect on them. The time that the driver
+promises for a frame is that of its display, by the cell's clock. Knows no V4L2.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """V4L2 capture: a frame exposed wholly after an instant, with the time and settings of exposure.
 
-A thin layer of our own over the kernel's ioctls. Not responsible for light, lens or what the
-picture shows.
+A thin layer of our own over the kernel's ioctls. Not responsible for light, lens or the content of
+pictures.
 """
 
 from .. import kinds

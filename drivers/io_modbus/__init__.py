@@ -1,7 +1,7 @@
 """The cell's digital inputs and outputs over a Moxa ioLogik E1214 or E1212 (Modbus TCP).
 
-Healthy is 1, and what is not freshly known is never OK. Not responsible for safety: that is
-hard-wired, and what arrives here is a copy of it.
+Healthy is 1, and without a fresh reading an input is never OK. Not responsible for safety: that is
+hard-wired, and these inputs are a copy of it.
 """
 
 from dataclasses import replace

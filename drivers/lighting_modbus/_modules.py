@@ -1,7 +1,7 @@
 """Register maps of the Waveshare Analog Output 8CH (B) and Relay 8CH: modbus_devices.md 6.1, 6.2.
 
-Each writes what differs from what the module is known to have; what is known is forgotten as
-soon as a write may or may not have arrived.
+Each writes only values that differ from the module's known ones; they are forgotten as soon as a
+write may or may not have arrived.
 """
 
 from collections.abc import Sequence

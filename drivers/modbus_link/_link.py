@@ -1,9 +1,10 @@
 """The policy of a Modbus line: turns, and the meaning of silence.
 
 Rules (modbus_devices.md 8.1, 8.7, 9): one request at a time; a pause between requests to one
-device; reads are repeated after silence, writes never; what answers "later" is asked again within
-its time, a write only where its caller allows it; after a time-out on RTU nothing is commanded
-until a harmless read has proved that its answer is not an older one; reconnecting backs off.
+device; reads are repeated after silence, writes never; after an answer of "later" the request is
+repeated within its time, a write only if its caller allows it; after a time-out on RTU no command
+is sent until a harmless read has proved that its answer is not an older one; reconnecting backs
+off.
 """
 
 from __future__ import annotations

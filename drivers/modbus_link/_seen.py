@@ -1,7 +1,7 @@
 """The bytes in the place of an answer, in words: an echo, noise, another unit, half a frame.
 
-Bytes in, words out. A frame that is a whole good one is found again wherever it stands, so that
-one odd byte before it does not hide it.
+Bytes in, words out. A complete valid frame is found wherever it is, so that an odd byte before it
+does not hide it.
 """
 
 from typing import Final

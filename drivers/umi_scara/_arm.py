@@ -313,8 +313,8 @@ class UmiScara:
     async def take_over_positions(self, between: ArrayLike) -> None:
         """Take over an earlier session's labels, if the counters prove them; nothing moves.
 
-        Status bits prove no homing (§4.5). Counters do where each axis reads what it was last sent
-        to, and one of each IP reads far from zero (§1.5).
+        Status bits prove no homing (§4.5). Counters do if each axis reads its last target, and one
+        of each IP reads far from zero (§1.5).
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
 """Robotiq 2F-85: its firmware as a Modbus master meets it.
 
-Source: modbus_devices.md 2.1 to 2.9. It never answers with an exception: what it does not
-understand stays without a reply. How it activates inside is not documented; the choreography
-(open, close, open) and its duration are ours.
+Source: modbus_devices.md 2.1 to 2.9. It never answers with an exception: an unknown request gets no
+reply. Its internal activation is not documented; the choreography (open, close, open) and its
+duration are ours.
 
 Sections (§) are those of modbus_devices.md.
 """

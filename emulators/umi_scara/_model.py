@@ -1,7 +1,7 @@
 """The arm as a body: seven motors, their stops, and time as an input.
 
-Knows no byte. The wire passes on what the IPs were sent; the world sets what is in the way and
-asks where the joints are. umi_rtx.md 5 and 7.
+Knows no byte. The wire passes on the bytes sent to the IPs; the world sets the obstacles and reads
+the joints. umi_rtx.md 5 and 7.
 """
 
 import math

@@ -1,7 +1,7 @@
 """The arm's serial line without I/O: bytes and instants in, bytes and instants out.
 
-Framing, pacing, who listens, and the line's faults; umi_rtx.md 1 and 7. What a request means is
-the peripheral's business.
+Framing, pacing, the choice of the listening board, and the line's faults; umi_rtx.md 1 and 7. The
+meaning of a request is the peripheral's business.
 """
 
 import logging

@@ -1,7 +1,7 @@
 """The cell as matter and light: bodies in pybullet, pictures by ray casting, time handed in.
 
-`World` is stepped by whoever owns the time; `PictureDesk` makes pictures of it in another process.
-Lengths are mm and angles rad, but for pybullet's metres, which stay inside.
+`World` is stepped by the owner of the time; `PictureDesk` makes pictures of it in another process.
+Lengths are mm and angles rad, except for pybullet's metres, which stay inside.
 """
 
 from ._models import Event, Snapshot

@@ -1,8 +1,8 @@
 """The emulated cell as matter: table, arm, two grippers and parts, with time handed in.
 
-Knows no wire. Arm and jaws are models that the devices command; the world lets them advance,
-follows them, sets what blocks them, and lets parts rest, fall, slide and be held. What only a test
-may know is at the end of the class; none of it goes over a wire.
+Knows no wire. Arm and jaws are models that the devices command; the world advances and follows
+them, sets their obstacles, and lets parts rest, fall, slide and be held. Knowledge reserved for
+tests is at the end of the class; none of it goes over a wire.
 """
 
 import logging

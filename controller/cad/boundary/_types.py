@@ -1,7 +1,7 @@
 """A solid's boundary: surfaces, and the edges between them as a doubly connected edge list.
 
-The edge list is the paper's (references.md P2.0), with faces that hold several loops, and with
-edges that know their curve, so that a tessellated bore has two circles and not two polygons.
+The edge list follows the paper (references.md P2.0), but its faces may have several loops, and its
+edges know their curve, so that a tessellated bore has two circles and not two polygons.
 """
 
 from collections.abc import Iterator

@@ -1,8 +1,8 @@
 """Codecs of mesh and solid, with the data that are costly to compute again.
 
-A solid finds its boundary and its hull, and trimesh normals and areas, when they are first asked
-for, and keep them. What the rooms above ask of every part is kept in the file and put back, bit for
-bit, so that a part read from the file answers as the one that was compiled.
+A solid computes its boundary and its hull, and trimesh its normals and areas, on first use, and
+caches them. The file stores the results that later stages need of every part, so that a part read
+from the file is equal, bit for bit, to the one that was compiled.
 """
 
 from dataclasses import dataclass, replace

@@ -1,9 +1,9 @@
 """Cache of compiled parts, one file each; a file that fails its checks is not used.
 
-A file's name holds the part and a key: hash of the CAD file and of those it names, its
-ending, the body, the options, the format, our own source and the libraries that decide. Another key
-is another file; so nothing has to be found out about an old one. The file repeats the key, the
-shape of what it holds, and a digest. Samples for another smallest defect stand in files beside it.
+A file's name holds the part and a key: hash of the CAD file and its references, ending, body,
+options, format, our own source and the libraries that decide. Any change gives another key and
+another file, so files never become stale. The file repeats the key, and has the shapes of its
+arrays and a digest. Samples for another smallest defect are in files beside it.
 """
 
 from dataclasses import replace

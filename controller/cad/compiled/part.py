@@ -50,7 +50,8 @@ USUAL_DENSITY_G_CM3 = 2.7  # aluminium, the default of recipes
 class CompileOptions:
     """Options with which a part is compiled.
 
-    Density is none of them: the stable poses depend on its ratios only, and a part is of one.
+    Density is not an option: the stable poses depend on its ratios only, and each part has a single
+    density.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 """Checks of a CAD file's size and first bytes before it is read whole.
 
-So that a header of four bytes costs neither time nor memory.
+A false count in a header of four bytes then costs neither time nor memory.
 """
 
 import stat

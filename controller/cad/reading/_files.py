@@ -74,7 +74,7 @@ def load_solid(path: Path, *, unit: str | None = None, on_stage: OnStage = no_st
 def _read_merged(path: Path, ending: str, unit: str | None) -> tuple[Merged, str, str | None]:
     """Return a file's triangles in mm, its SHA-256, and the unit it names, if it names one.
 
-    What was read, three corners a triangle, is given up before anything is worked out.
+    The corners as read, three for each triangle, are released before anything is computed.
     """
     data, stated = read_file(path), None
     _, mm_per_unit = read_unit(unit or "mm", path)

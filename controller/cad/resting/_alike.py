@@ -1,8 +1,8 @@
 """Look-alikes: pairs of stable poses whose views from above coincide under some turn.
 
 A camera above sees a pose up to a turn and a shift on the table. Most pairs differ in area or
-moments already. For the rest, turns are guessed by correlating how the lines lie round the middle,
-each guess is fitted, and both ways the farthest point of one drawing from the other is measured.
+moments already. For the others, turns are guessed by correlating the lines about the middle, each
+guess is fitted, and the largest distance between the two drawings is measured both ways.
 """
 
 from collections.abc import Sequence
@@ -119,9 +119,8 @@ def search_look_alikes(
 ) -> AlikeSearch:
     """Return the pairs that look the same from above, for as many poses as the budget allows.
 
-    The search ends once so many drawings were compared that a part of hundreds of poses would keep
-    a person waiting. The limit is a number of comparisons, not of seconds, so that a part compiles
-    to the same on any machine.
+    The search ends after a number of comparisons, so that a part of hundreds of poses keeps nobody
+    waiting. The limit is a number, not a time, so that a part compiles to the same on any machine.
 
     Parameters
     ----------

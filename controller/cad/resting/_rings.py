@@ -1,9 +1,9 @@
 """Rolling of bodies of revolution: bands of hull facets between two rims, or a rim and an apex.
 
-Seen by facets alone such a band is hard to tell from planes: two rims that are divided differently
-are bridged by triangles of very unequal areas, and a chamfer beside a band looks like a curve that
-stands out over it. The axis tells: spun about it, the corners of a hull are circles, and the hull
-of these circles' profile has one straight side for each band.
+Facets alone hardly distinguish such a band from planes: two rims that are divided differently are
+bridged by triangles of very unequal areas, and a chamfer beside a band looks like a curve above it.
+The axis decides: spun about it, the corners of a hull are circles, and the hull of these circles'
+profile has one straight side for each band.
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,7 @@
 """Points for counting coverage: dense, evenly spread, denser in bores and on small faces.
 
-Plans are fitted to points of their own (`sample_surface`), so that what a plan misses between them
-shows here (ADR 57).
+Plans are fitted to points of their own (`sample_surface`), so that the gaps of a plan between them
+become visible here (ADR 57).
 """
 
 from __future__ import annotations
@@ -106,8 +106,8 @@ def count_caution(samples: SurfaceSamples, smallest_mm: float) -> str:
 def _apart(places: FloatArray, rng: np.random.Generator) -> IntArray:
     """Return the indices of places (n, d) kept by thinning, none nearer to another than `APART`.
 
-    Each is kept that has none before it, in a drawn order, that is kept and near. The first of them
-    decide about most of the others, so that few are compared in pairs.
+    Greedy thinning in random order: a candidate is kept if no kept one is near. The first ones
+    decide about most of the others, so that few pairs are compared.
     """
     order = np.argsort(rng.permutation(len(places)))
     kept: list[IntArray] = []

@@ -34,7 +34,7 @@ def face_shares(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the share of each face (f,) that chosen samples represent, and its U (k = 2) (f,).
 
-    A cell on the border of what is chosen, with neighbours on the other side, may belong to either
+    A cell on the border of the chosen area, with neighbours on the other side, may belong to either
     side; spots smaller than a cell may have no sample in them.
 
     Parameters

@@ -1,7 +1,7 @@
 """Features that drawings dimension: holes, slots, pockets, bosses, fillets.
 
-A hole is walls on one axis that face it, with their ledges, countersinks and bottom; everything
-here follows from the kinds of the faces and from how they meet (cell-facts.md 4).
+A hole is a set of walls on one axis that face it, with their ledges, countersinks and bottom; its
+type follows from the types of the faces and of the edges between them (cell-facts.md 4).
 """
 
 from dataclasses import dataclass, field

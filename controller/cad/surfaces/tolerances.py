@@ -1,7 +1,7 @@
 """Requirements of a drawing: dimensions, geometric tolerances, datums (ISO 1101, 5459).
 
-They come with the model where a STEP file (AP242) holds them as meaning, not as drawn text; all
-in mm and rad, whatever units the designer wrote.
+They come with the model if a STEP file (AP242) holds them as data, not only as drawn text; all in
+mm and rad, whatever units the designer used.
 """
 
 from dataclasses import dataclass

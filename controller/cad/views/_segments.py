@@ -22,7 +22,7 @@ def tree_of(a: FloatArray, b: FloatArray) -> shapely.STRtree:
 def crowding(tree: shapely.STRtree, p: FloatArray, q: FloatArray) -> float:
     """Return the mean number of a tree's segments in the box of one of the given segments.
 
-    A mean over some of them, evenly spread: enough to tell dozens from thousands.
+    A mean over some of them, evenly spread: enough to distinguish dozens from thousands.
 
     Parameters
     ----------

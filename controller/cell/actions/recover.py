@@ -97,8 +97,8 @@ class RecoverAction:
     async def _confirm_fixed(self, proposal: Proposal) -> Proposal:
         """Press the fixed gripper if it reports no hold; return the event that follows.
 
-        Nothing has moved before. If it has lost the part, the arm leaves as it was proposed, and
-        the part is looked for.
+        Nothing has moved before. If it has lost the part, the arm leaves as proposed, and the cell
+        looks for the part.
         """
         hold = proposal.left.fixed_hold
         if not proposal.case.is_fixed_unconfirmed or hold is None:

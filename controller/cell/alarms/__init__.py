@@ -1,7 +1,7 @@
 """The alarms of the cell: one per way in which it can stop, hold, refuse or recover.
 
-`alarm.py` says what an alarm is; `parts.py`, `devices.py` and `cell.py` are the data;
-`catalogue.py` finds the alarm of a code or of an error, `page.py` draws docs/alarms.md.
+`alarm.py` defines an alarm; `parts.py`, `devices.py` and `cell.py` are the data; `catalogue.py`
+finds the alarm of a code or of an error, `page.py` draws docs/alarms.md.
 """
 
 from .alarm import Alarm, Severity

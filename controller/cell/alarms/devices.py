@@ -111,7 +111,7 @@ DEVICES: Final = (
     Alarm(
         306, "wrong_device", _REFUSED, "device",
         "another device answers at this address",
-        "the whereabouts of the device that belongs there",
+        "the device that belongs there, and its state",
         "check address and unit id in the cell file",
     ),
     Alarm(

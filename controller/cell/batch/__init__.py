@@ -1,8 +1,8 @@
 """One batch: the cell's work from connecting its devices to rest.
 
-`order.py` is what to run, `run.py` runs it, `beginning.py` notes what it finds before anything
-moves, `starting.py` decides whether it may begin, `assembly.py` puts it together, `dispatcher.py`
-takes events and runs effects, `watching/` reports what no action reports. Each effect is run by
+`order.py` is the order to run, `run.py` runs it, `beginning.py` records the state found before
+anything moves, `starting.py` decides on the start, `assembly.py` builds the cell, `dispatcher.py`
+takes events and runs effects, `watching/` reports events outside of actions. Each effect is run by
 an action (`controller.cell.actions`), with services (`controller.cell.services`).
 """
 

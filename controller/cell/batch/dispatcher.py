@@ -1,9 +1,9 @@
 """The one task that owns the state: takes events, decides by the table, runs effects as tasks.
 
-A stop takes the permit to move away and halts the arm before anything is written or shown, and
-cancels the task afterwards. The table ignores what a task reports that a stop or a fault has
-overtaken. A pause leaves the task alive, waiting at the gate; what begins or ends the pause runs
-beside it.
+A stop withdraws the permit to move and halts the arm before anything is written or shown, and
+cancels the task afterwards. The table ignores reports of a task that a stop or a fault has
+overtaken. A pause leaves the task alive, waiting at the gate; the effects that begin and end the
+pause run beside it.
 """
 
 import asyncio

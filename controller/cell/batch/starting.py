@@ -1,7 +1,7 @@
 """The decision on a start: both grippers are empty, or the part in one can go on.
 
 Without evidence that both are empty nothing moves until somebody decides: the operator, or the
-order where what the cell would do is proven safe.
+order if the next motion is proven safe.
 """
 
 from collections.abc import Sequence
@@ -113,7 +113,7 @@ async def _arm_alone(
 ) -> Proposal | None:
     """Return the arm's way out after a killed run with no part in a gripper; None: it homes.
 
-    Homing sweeps the whole reach from wherever the arm stands, past all that stands there.
+    Homing sweeps the whole workspace from the arm's present position, past everything in it.
     """
     run = _last_to_move(journal)
     if run is None:

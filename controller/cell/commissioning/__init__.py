@@ -1,8 +1,8 @@
 """Commissioning: steps that measure the cell as it really stands, each with its own evidence.
 
-`session.py` runs steps in order, `visit.py` one step from connecting to rest, `bench.py` is what a
-step works with, `person.py` who answers and lends a hand, `steps/` are the steps. What a step
-computes from pictures and readings is `controller.commissioning`'s, which knows no device.
+`session.py` runs steps in order, `visit.py` one step from connecting to rest, `bench.py` has the
+tools of a step, `person.py` the helper who answers, `steps/` are the steps. Computations on
+pictures and readings are in `controller.commissioning`, which knows no device.
 """
 
 from .bench import Bench

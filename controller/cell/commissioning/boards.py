@@ -1,7 +1,7 @@
 """Boards before the cameras: on the table and in the arm gripper, moved to and looked at.
 
-Gears have play. So a configuration at which a picture is taken is approached with every motor from
-one side, from below by its counter unless the other side is asked for.
+Gears have play. So each configuration for a picture is approached with every motor from one side,
+from below by its counter unless the other side is requested.
 """
 
 from collections.abc import Mapping

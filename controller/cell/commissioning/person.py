@@ -1,7 +1,7 @@
 """The person who answers a step's questions and helps by hand.
 
-A real cell has a person. An emulated cell that is commissioned unattended has a helper who answers
-for one, and whose hands are the emulator's control port: it lays a board where the person would,
+A real cell has a person. An emulated cell that is commissioned unattended has a helper in the
+person's place, whose hands are the emulator's control port: it lays a board where the person would,
 and reads nothing that a person could not see.
 """
 

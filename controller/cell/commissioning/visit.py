@@ -1,8 +1,8 @@
 """One step of commissioning in the cell: connect, check, run, come to rest in any case.
 
-What a run has, a visit has too: journal, custody, latch, interlocks, watchers, permit, and stops
-that come before tasks are ended. Each visit connects anew and leaves the cell halted and dark, so
-that to go on after an end of any kind is the same as to go on from one step to the next.
+A visit has the same parts as a run: journal, custody, latch, interlocks, watchers, permit, and
+stops that come before tasks are ended. Each visit connects anew and leaves the cell halted and
+dark, so that continuing after any end is the same as going from one step to the next.
 """
 
 import asyncio

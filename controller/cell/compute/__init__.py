@@ -1,9 +1,8 @@
 """Heavy computation in a worker process, so that it never blocks the event loop.
 
 `service.py` declares the questions and `answers.py` has the functions that answer them. `job.py`
-has what a worker keeps of a job, and `held_search.py` finds a part that slipped in the jaws.
-`one_task.py` holds work that nobody need wait for. `checking.py` checks a recipe in a cell from
-files alone.
+has a worker's data for a job, and `held_search.py` finds a part that slipped in the jaws.
+`one_task.py` holds optional work. `checking.py` checks a recipe in a cell from files alone.
 """
 
 from .answers import Holder, Located, Pickable

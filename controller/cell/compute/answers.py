@@ -1,8 +1,8 @@
 """The answers: one plain function for each question that the cell puts to its worker process.
 
 `Compute` is made from these functions, so that a question has the name, arguments and documentation
-of its function. Each function takes plain data and a `Job`, from which the worker builds, once,
-what cannot be sent between processes (`job.context`). None of them moves anything.
+of its function. Each function takes plain data and a `Job`, from which the worker builds, once, the
+data that cannot be sent between processes (`job.context`). None of them moves anything.
 """
 
 import hashlib
@@ -182,7 +182,7 @@ def unseen_turns(
 ) -> tuple[tuple[float, ...] | None, ...]:
     """Return the turns about the vertical [deg] under which each object looks the same, 0 first.
 
-    None stands for any turn. Of an unknown object that is 0 alone.
+    None means any turn. An unknown object has the turn 0 only.
 
     Parameters
     ----------
@@ -399,7 +399,7 @@ def locate(
 ) -> Located:
     """Return the pose of the part in the arm gripper, as located in one view.
 
-    It is the quick half of `inspect`, which goes on from it.
+    It is the quick half of `inspect`, which continues from it.
 
     Parameters
     ----------

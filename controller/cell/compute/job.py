@@ -133,7 +133,7 @@ def _known_parts(
     """Return the files of all parts that may lie on the table, and the names of those to take.
 
     In a batch these are the parts of all its recipes, then the other parts that any of them names;
-    a part that is both is compiled as its own recipe has it.
+    a part in both groups is compiled by its own recipe.
     """
     recipes = [load_recipe(path) for path in job.batch] or [recipe]
     each = [part_files(one) for one in recipes]

@@ -47,8 +47,8 @@ class Question(Generic[Arguments, Answer]):
 def begin(answer: Coroutine[Any, Any, Answer]) -> asyncio.Task[Answer]:
     """Return a task that computes an answer concurrently.
 
-    Its error is raised to whoever awaits it. Where nobody does any more, since the run has ended,
-    it is of no interest: whoever ended the worker process has said so.
+    Its error is raised to the awaiting caller. Without a caller, because the run has ended, the
+    error is dropped: the end of the worker process has been reported already.
 
     Parameters
     ----------

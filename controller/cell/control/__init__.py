@@ -1,8 +1,8 @@
 """The control socket, by which another terminal or program acts on a running cell.
 
-HTTP over a unix socket of the same user. `words.py` has what goes over it, `client.py` asks,
-`place.py` says where the socket stands, `peer.py` who is at the other end; `serving` is the run's
-end. It reads and acts through the dispatcher alone.
+HTTP over a unix socket of the same user. `words.py` has the messages, `client.py` sends requests,
+`place.py` has the socket's path, `peer.py` the identity of the peer; `serving` is the run's end. It
+reads and acts through the dispatcher alone.
 """
 
 from .client import NoRunError, NotServedError, RunningCell, facts

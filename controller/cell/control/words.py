@@ -106,11 +106,11 @@ class HolderReply(_Body):
 class StatusReply(_Body):
     """The cell's status; durations are cell seconds, null if unknown.
 
-    `at_s` is the cell's clock; only differences of it mean something. `signals` are the inputs of
-    the I/O block by name: whether each is OK, null if nobody knows. `barred` is what has to be
-    done before a resume is taken, such as to close a door; empty if nothing. `recipe` and `serial`
-    are of the part at hand, empty before it was recognised or where it has none; `done` is how many
-    parts of each recipe are done, and how many were ordered.
+    `at_s` is the cell's clock; only its differences are meaningful. `signals` are the inputs of the
+    I/O block by name: true if OK, null if unknown. `barred` is the condition for a resume, such as
+    a closed door; empty if there is none. `recipe` and `serial` belong to the current part, empty
+    before it was recognised or where it has none; `done` has the numbers of finished and of ordered
+    parts of each recipe.
     """
 
     run: str

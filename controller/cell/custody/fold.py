@@ -1,7 +1,7 @@
 """The holder of the part: gripper, tray or table. Reported whenever the cell stops, never guessed.
 
 Custody belongs to the cell, not to the run. `fold_custody` reads it from the rows of all runs, so
-that a start knows what the run before left in a gripper, however that run ended.
+that a start knows of parts that an earlier run left in a gripper, however that run ended.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -201,7 +201,7 @@ def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
 def recorded_grippers(found: Iterable[Row], here: CellIdentity) -> frozenset[GripperName]:
     """Return the grippers of a cell whose content some run has recorded.
 
-    Of the others the journals know nothing, which is not that they are empty.
+    The others are unknown to the journals, which does not mean that they are empty.
 
     Parameters
     ----------

@@ -2,11 +2,11 @@
 
 With another `--runs`, or from another working directory, a run writes another journal, but the part
 in a gripper is the same. So the journal of every cell whose grippers outlive the run is noted,
-together with the cell's identity, in the user's folder for state. Beside each note stands a second
-head of that journal, which names its last secured row, and so the last change of custody. A journal
-without that row is not the one that was noted: its folder was deleted, its disk is not mounted, an
-older copy or another file is in its place. What it knew of the grippers is then unknown, and that
-is asked before any journal is made, the one of this run first.
+together with the cell's identity, in the user's folder for state. Beside each note is a second head
+of that journal, which names its last secured row, and so the last change of custody. A journal
+without that row is not the noted one: its folder was deleted, its disk is not mounted, or an older
+copy or another file is in its place. Its record of the grippers is then lost, and a person has to
+decide before any journal is made, including the one of this run.
 """
 
 import json
@@ -200,9 +200,9 @@ def lost_rows(path: Path, why: str) -> list[Row]:
 def after_known(began: RunBegan) -> RunBegan:
     """Return the body of a run's first row, ordered after all starts that are noted.
 
-    Clocks of computers are set back, and journals of several folders have to be told apart by what
-    came first all the same: each start notes a time later than all that it knows of (a hybrid
-    logical clock; docs/references.md [L31]).
+    Clocks of computers are set back, and yet journals of several folders have to be ordered in
+    time: each start notes a time later than all that it knows of (a hybrid logical clock;
+    docs/references.md [L31]).
 
     Parameters
     ----------
@@ -271,8 +271,8 @@ def _head_of(note: Path) -> Path:
 def rows_of_all_journals(own: Path, began: RunBegan) -> list[Row]:
     """Return the rows that `fold_custody` needs, from all journals of a cell, in order.
 
-    A journal that is lost or damaged may have recorded a part, so a row stands for it that says it
-    cannot be read.
+    A lost or damaged journal may have recorded a part, so a row in its place reports that it cannot
+    be read.
 
     Parameters
     ----------

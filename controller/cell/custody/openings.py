@@ -1,7 +1,7 @@
 """Whether each gripper holds something, by its own readings, before anything moves.
 
-The devices are read as they stand, before activation and homing, since both of these move jaws.
-`start_check` decides what follows.
+The devices are read as they are, before activation and homing, since both of these move jaws.
+`start_check` decides on the next step.
 """
 
 from dataclasses import dataclass
@@ -73,8 +73,8 @@ async def presses_on_something(devices: Devices) -> bool:
 def judge_arm(jaws: JawReading, identity: ArmIdentity, open_mm: float) -> Opening:
     """Return the arm gripper's occupancy by its reading.
 
-    Jaws that press on nothing prove nothing: a stop may have taken the pressure off a part. Jaws
-    that stalled on a part stay where they are after it was taken out, too (umi_rtx.md 7).
+    Jaws that press on nothing prove nothing: a stop may have released the pressure on a part. Jaws
+    that stalled on a part stay in place even after it was taken out (umi_rtx.md 7).
 
     Parameters
     ----------

@@ -326,7 +326,7 @@ class Devices:
     async def connect_grippers(self) -> dict[str, str]:
         """Open the arm, the fixed gripper and the I/O block; halt motion; return their identities.
 
-        The last motion that a killed controller ordered goes on without it. A stop opens no jaw.
+        The last motion ordered by a killed controller continues without it. A stop opens no jaw.
 
         Raises
         ------

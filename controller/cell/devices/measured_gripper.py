@@ -1,6 +1,6 @@
 """The fixed gripper with its opening as measured: its zero, and its scale.
 
-All above the driver reads and orders true openings; the driver knows its own readings.
+All code above the driver uses true openings; the driver knows its own readings.
 """
 
 from dataclasses import dataclass

@@ -2,8 +2,8 @@
 
 Rows are chained by hash, so that a changed row is noticed. A head beside the file (`_head.py`)
 names the last row known to be on the disk, so that rows cut off the end are noticed.
-`open_cell_journal` checks both before a run may write. ADR 16 lists what it can and cannot notice.
-`rows` defines what each row says.
+`open_cell_journal` checks both before a run may write. ADR 16 lists the changes that this detects
+and those that it cannot. `rows` defines each row.
 """
 
 from ._beside import append_beside, put_on_disk

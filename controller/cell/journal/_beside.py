@@ -2,7 +2,7 @@
 
 A secured row holds the journal's lock until it is on the disk. That is right for the run, whose
 bytes wait for it, and wrong for a person at a desk. Here the lock is held for the row alone, and
-the file is put on the disk after it was given back.
+the file is synced after the lock is released.
 """
 
 import os

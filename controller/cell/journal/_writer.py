@@ -98,8 +98,8 @@ class Journal:
     def write_behind(self) -> None:
         """Have rows written by a thread of the journal's own from now on.
 
-        Then `write` waits for nothing and returns 0, and `write_secured` waits for a row for
-        `PATIENCE_WALL_S` at most. What cannot be written is reported to `on_failure`.
+        Then `write` returns 0 at once, and `write_secured` waits for a row for `PATIENCE_WALL_S` at
+        most. Rows that cannot be written are reported to `on_failure`.
         """
         if self._behind is None:
             self._behind = WriterThread(self.path, self._append, self._close_file, self._fail)

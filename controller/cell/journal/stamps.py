@@ -1,6 +1,6 @@
 """The stamps of rows: the date, and a clock that never goes back.
 
-Both are handed to the writer, so that a journal can be kept by another time than this computer's.
+Both are passed to the writer, so that a journal can use a time other than this computer's.
 """
 
 import time

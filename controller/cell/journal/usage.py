@@ -43,7 +43,7 @@ def usage_of(found: Iterable[Row]) -> Mapping[str, Usage]:
 def views_off_mm(posed: rows.ViewsPosed) -> float | None:
     """Return the root mean square of the disagreement of arm and camera [mm].
 
-    Grasps that were shown in fewer than three views tell nothing; None if all are such.
+    Grasps shown in fewer than three views are not counted; None if all are such.
     """
     by_grasp: dict[int, list[float]] = defaultdict(list)
     for one in posed.views:

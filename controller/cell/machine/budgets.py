@@ -1,7 +1,7 @@
 """A batch's experience of its sources: a grasp or view that fails too often is avoided.
 
-A source is whatever can fail by itself: ``grasp A12``, ``view A12-V3``. Each has a window of its
-last uses. Plain counting, no device.
+A source is anything that can fail by itself: ``grasp A12``, ``view A12-V3``. Each has a window of
+its last uses. Plain counting, no device.
 """
 
 from collections import deque

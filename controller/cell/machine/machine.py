@@ -1,11 +1,11 @@
 """Decides by the table: (state, event) -> (state, effects). No I/O, no clock, no waiting.
 
 `transitions` decides: a transition of `TABLE` is taken, one of `IGNORED` is an internal transition
-that changes nothing, and an event for which there is none is refused with a reason. Callbacks only
-note what was decided; the dispatcher runs the effects as tasks, and their outcomes come back as
-events. Whether anything may move is decided here, too: some events permit it, some states forbid
-it. `AsyncMachine` is not used: it cancels running callbacks, swallows time-outs and loses queued
-faults (cell-facts.md 1).
+that changes nothing, and an event without any is refused with a reason. Callbacks only record the
+decision; the dispatcher runs the effects as tasks, and their outcomes come back as events. The
+permission to move is decided here, too: some events permit motion, some states forbid it.
+`AsyncMachine` is not used: it cancels running callbacks, swallows time-outs and loses queued faults
+(cell-facts.md 1).
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """The table of the cell: states, events, and the effects that a transition sets going.
 
-States carry PackML's names; within Execute stand the stages of one part. A pause keeps the stage:
-each piece of work has a state in every mode, and an effect is begun when its stage is entered, not
-when a pause ends (ADR 38). A pair of state and event that is neither in `TABLE` nor in `IGNORED` is
+States carry PackML's names; Execute contains the stages of one part. A pause keeps the stage: each
+piece of work has a state in every mode, and an effect begins when its stage is entered, not when a
+pause ends (ADR 38). A pair of state and event that is neither in `TABLE` nor in `IGNORED` is
 refused.
 """
 

@@ -1,8 +1,8 @@
 """Decisions of people: questions with their choices, answers with their giver and reason.
 
-`Operator` is whoever can decide; `Nobody` is a cell that runs unattended. Every answer is a
-decision in the journal. `Desk` keeps the one open question and takes the first answer, whichever
-door it comes through; `questions.py` has what is asked about parts, `latch.py` which fault a person
+`Operator` is anybody who can decide; `Nobody` is a cell that runs unattended. Every answer is a
+decision in the journal. `Desk` keeps the one open question and takes the first answer, by whichever
+channel it comes; `questions.py` has the questions about parts, `latch.py` the faults that a person
 has to acknowledge before the next start.
 """
 

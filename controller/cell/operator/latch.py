@@ -1,6 +1,6 @@
 """Emergency stop and door are latched: the next start is barred until a person acknowledges them.
 
-The latch is no state of a process. It follows from the journal, so that it outlives a kill.
+The latch is not stored in a process. It follows from the journal, so that it outlives a kill.
 """
 
 import asyncio

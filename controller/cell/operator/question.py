@@ -66,7 +66,7 @@ class Operator(Protocol):
     async def decide(self, question: Question) -> Answer | None:
         """Return the answer, journaled as a decision; None if nobody is there to give one.
 
-        Whoever answers has been shown the question's text.
+        The person who answers has been shown the question's text.
         """
         ...
 

@@ -1,6 +1,6 @@
 """The question about each problem with a part, and the effect of each answer. Data alone.
 
-The codes are those of `PartProblemError`. A choice that moves something says what moves first.
+The codes are those of `PartProblemError`. A choice that moves something names the first motion.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """Plans, certificates and prepared parts, from the cache if they are there.
 
-`planning.py` makes what the cache does not have; `stored.py` stores all three, and checks them
-when they are read.
+`planning.py` computes the results missing in the cache; `stored.py` stores all three, and checks
+them when they are read.
 """
 
 from .planning import PlanCache, planner_hash

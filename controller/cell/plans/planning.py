@@ -1,8 +1,8 @@
 """Plans and certificates of a part in a cell, each in a file of the cache.
 
-A file's key covers all that decides what is in it: the part, the cell as planning sees it, the
-planner's options and source, the libraries it computes with, and the pose of the part. So a file
-cannot be out of date: a change of any of them is another file.
+A file's key covers everything that decides its content: the part, the cell in the planner's terms,
+the planner's options and source, the libraries it computes with, and the pose of the part. So a
+file cannot be stale: a change of any of them is another file.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Plans, certificates and prepared parts as files of the cache: storing and checking.
 
 `controller.cache` stores them as JSON and arrays and reads them by type alone, so that a file
-cannot hold code. What was read is then checked against what a plan has to be: a file that was
+cannot hold code. The content is then checked against the requirements on a plan: a file that was
 planted, or damaged under a valid digest, moves no arm.
 """
 

@@ -1,10 +1,10 @@
 """Going on after a crash: the possible states, the actual one, and the way on.
 
-`interrupted.py` and `trail.py` fold the journal of the run that was interrupted, `world.py` asks
-the devices without moving any, `classify.py` decides what is so, `propose.py` what the cell may do,
-`homing.py` whether an arm without positions may home with the part, `beside.py` whether one beside
-its path may go back to it.
-Nothing here moves anything; `controller.cell.actions.recover` does what was accepted.
+`interrupted.py` and `trail.py` fold the journal of the interrupted run, `world.py` reads the
+devices without moving any, `classify.py` finds the case, `propose.py` the permitted ways to
+continue, `homing.py` checks if an arm without positions may home with the part, `beside.py` if one
+beside its path may go back to it. Nothing here moves anything; `controller.cell.actions.recover`
+carries out the accepted proposal.
 """
 
 from .beside import Back, Beside, beside_path

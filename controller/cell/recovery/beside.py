@@ -1,8 +1,8 @@
 """An arm beside its path: each of its axes stopped on a share of its own of one move.
 
-The axes of a move run each at a whole speed, rounded up, and a start that stops what a killed
-controller has left moving stops one board up to 0.2 s after the other. So the arm may stand where
-no path of the journal leads. From there it goes back to where that move began, if that is proven.
+The axes of a move each run at a whole speed, rounded up, and a start that stops the motions of a
+killed controller stops one board up to 0.2 s after the other. So the arm may stand where no path of
+the journal leads. From there it goes back to the start of that move, if that is proven.
 """
 
 from collections.abc import Awaitable, Callable

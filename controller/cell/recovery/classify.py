@@ -1,8 +1,8 @@
 """The actual state, by journal and devices: each unresolved intent is done, not done or unknown.
 
-One rule leads from there to what may be done: the giver of a hand-off opens only if the receiver
-was never needed or reports its hold, and what is unclear is undone by the gripper that surely
-holds. Plain decisions; nothing here reads a device.
+One rule leads from there to the permitted actions: the giver of a hand-off opens only if the
+receiver was never needed or reports its hold, and an unclear case is resolved by the gripper that
+surely holds. Plain decisions; nothing here reads a device.
 """
 
 from collections.abc import Callable, Mapping

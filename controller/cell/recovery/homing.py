@@ -1,7 +1,7 @@
 """Homing with the part in a gripper, after the arm has lost its positions.
 
-What the journal says of the arm's last path is an estimate: a person may have moved an arm without
-power. So it is never proven safe, and the operator is shown what to look at.
+The arm's last path in the journal is an estimate: a person may have moved an arm without power. So
+it is never proven safe, and the operator is told what to check.
 """
 
 from collections.abc import Awaitable, Callable
@@ -96,9 +96,8 @@ def _along(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the bounds (6,) on the lost joints along waypoints (n, 6).
 
-    All joints of a move run side by side, and arrive before the next begins. So those that are
-    known show how far the lost ones had come, which stopped by so much earlier as it may take to
-    notice.
+    All joints of a move run side by side, and arrive before the next begins. So the known joints
+    show the progress of the lost ones, which stopped earlier by up to the detection time.
 
     Parameters
     ----------

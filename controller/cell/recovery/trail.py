@@ -1,7 +1,7 @@
 """The arm's past path, from the rows of its joint paths, and the path by which it can leave.
 
-Paths between two changes of what a gripper holds are free of contact both ways. Across such a
-change (a grasp, a release) they are not: there the arm leaves by the retreat that the intent names.
+Paths between two changes in a gripper's content are free of contact both ways. Across such a change
+(a grasp, a release) they are not: there the arm leaves by the retreat that the intent names.
 """
 
 from collections.abc import Sequence
@@ -119,8 +119,8 @@ class Trail:
     def leaving(self, q: FloatArray, proven: Sequence[FloatArray] = ()) -> Leaving | None:
         """Return the path by which the arm leaves, unless it is off its path.
 
-        Back to where it stood free; or, after a change of what a gripper holds, on to the end of
-        the path that leads away from there.
+        Back to the last place that was free; or, after a change in a gripper's content, on to the
+        end of the path that leads away.
 
         Parameters
         ----------

@@ -68,7 +68,7 @@ class World:
     def may_fixed_hold(self, on_part_mm: float | None) -> bool:
         """Return whether opening and barrier fit a part in the fixed gripper, unreported by it.
 
-        So it stands after a stop, which ends the order that its report of contact is about
+        This is the state after a stop, which ends the order behind its report of contact
         (modbus_devices.md 2.3). Only a press shows whether it still holds the part.
 
         Parameters

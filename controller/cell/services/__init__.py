@@ -1,7 +1,7 @@
 """The services of actions: one small service each for motion, grippers, imaging, views and so on.
 
 An action gets its services in its constructor and uses their public names only. No service decides
-what comes next; actions and the table do.
+on the next step; actions and the table do.
 """
 
 from .faults import Recoveries, Retries, fault_policy, faults_section

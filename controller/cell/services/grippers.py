@@ -1,7 +1,7 @@
 """Opens and closes both grippers, checks that they hold, and records a part that they lose.
 
-Whatever moves jaws passes the gate before its intent is written: a pause begins before a grasp or a
-release, never within one.
+Every motion of jaws passes the gate before its intent is written: a pause begins before a grasp or
+a release, never within one.
 """
 
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -248,7 +248,7 @@ class Grippers:
     async def press_fixed_and_require_hold(self, held_mm: float) -> None:
         """Have the fixed gripper press once more on its part, and require that it holds.
 
-        It only closes. After a stop it reports no contact, whatever is between its jaws.
+        It only closes. After a stop it reports no contact, even with a part between its jaws.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
 """Leases: the users of devices and spaces, one at a time, on record.
 
-Nobody can wait in a circle: all take in the one order of `Resource`, and who has something may
-only take what comes after it. A lease that its owner did not give back, since the controller died,
-stays in the journal; `cellctl recover` shows it.
+Nobody can wait in a circle: all take resources in the order of `Resource`, and an owner may only
+take later ones. A lease that its owner did not return, since the controller died, stays in the
+journal; `cellctl recover` shows it.
 """
 
 import asyncio

@@ -1,9 +1,9 @@
 """Moves the arm along checked paths, and remembers them, so that it can move back.
 
-The journal gets each path before the arm sets out, and where the arm stood free of everything: the
-way back is known even to a later run. Every waypoint passes the gate. A pause *now* stops the arm
-between two waypoints. Afterwards it goes on to the same waypoint: that is free from wherever it
-stopped between them. Homing begins anew.
+The journal gets each path before the arm sets out, and each place where the arm stood free of
+everything: the way back is known even to a later run. Every waypoint passes the gate. A pause *now*
+stops the arm between two waypoints. Afterwards it continues to the same waypoint: the path to it is
+free from any stop between them. Homing begins anew.
 """
 
 from collections.abc import Awaitable, Callable, Iterable

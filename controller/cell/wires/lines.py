@@ -1,8 +1,8 @@
 """Lines of bytes played back: replies to the same requests, and the first request that differs.
 
 A caller gets its turn in the recorded order and at the recorded instant. A caller that is not the
-next one waits: in the recorded run it was overtaken. If the next one has not come
-`OVERDUE_S` after its instant, it never will, and who waits goes on: its bytes show the difference.
+next one waits: in the recorded run it was overtaken. If the next one has not come `OVERDUE_S` after
+its instant, it never will, and the waiting caller continues: its bytes show the difference.
 """
 
 import asyncio

@@ -254,8 +254,8 @@ class _NotedThreads(_NotedPool, ThreadPoolExecutor):
 class Callers:
     """Names the caller of a line, since two tasks may send the same request.
 
-    The task that makes the devices is the batch, whatever it was started by; any other goes by the
-    name of its coroutine.
+    The task that makes the devices is the batch, however it was started; any other goes by the name
+    of its coroutine.
     """
 
     def __init__(self) -> None:

@@ -74,8 +74,8 @@ class Inputs:
 def inputs_of(reader: WireReader) -> Iterator[Inputs]:
     """Yield the files that the recorded run was started with.
 
-    They are read where they stood if none has changed since; else all are written to a temporary
-    folder, side by side as they stood.
+    They are read in place if none has changed since; else all are written to a temporary folder,
+    with the same relative paths.
 
     Raises
     ------

@@ -29,7 +29,7 @@ def watch_cell(
 ) -> int:
     """Show a running cell until its run ends; return 0.
 
-    Nothing is asked of the cell but its status, four times a second.
+    The cell is polled for its status only, four times a second.
 
     Parameters
     ----------

@@ -96,8 +96,8 @@ class _Input:
 class KeyPilot:
     """A person at a terminal.
 
-    Keys pressed while something moves are dropped, so that nothing goes on after the key is let
-    go; a stop key is heard at any time.
+    Keys pressed while something moves are dropped, so that nothing moves on after the key is
+    released; a stop key works at any time.
 
     Parameters
     ----------

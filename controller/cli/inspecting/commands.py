@@ -104,7 +104,7 @@ def verify(
 ) -> None:
     """Verify that a run's files are unchanged.
 
-    Names each picture, result and row of the journal that is not.
+    Names each picture, result and row of the journal that was changed.
     """
     with loading():
         from .verified_run import verify_run

@@ -34,10 +34,10 @@ def plan_json(
 ) -> dict[str, Any]:
     """Return all keys of a plan.
 
-    A step's `q` and `T_world_part` are those of the moment that counts: when the jaws close, the
-    picture is taken, or the part is released. `seen_fraction` is the share of the whole surface
-    that a step shows, `new_fraction` the share that no earlier step has shown. What a step does
-    stands under `actions`, in order (`docs/planning.md`).
+    A step's `q` and `T_world_part` belong to its main instant: the closing of the jaws, the
+    picture, or the release. `seen_fraction` is the share of the whole surface that a step shows,
+    `new_fraction` the share that no earlier step has shown. The actions of a step are in `actions`,
+    in order (`docs/planning.md`).
 
     Parameters
     ----------

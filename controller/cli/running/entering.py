@@ -1,6 +1,6 @@
 """Entering and leaving a cell: signals heard, lock held, the emulated cell beside it if any.
 
-What `commission`, `jog`, `teach` and `run --dry` have in common.
+Code shared by `commission`, `jog`, `teach` and `run --dry`.
 """
 
 import getpass

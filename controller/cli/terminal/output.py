@@ -100,8 +100,8 @@ def is_output_gone() -> bool:
 def relayed() -> Iterator[None]:
     """Have a thread write all output of the block; in the end wait for its reader to take it.
 
-    What is left then is dropped, so that the process can end. Live lines that were left out are
-    counted, and said on stderr.
+    Texts still unwritten are dropped, so that the process can end. Live lines that were left out
+    are counted, and reported on stderr.
     """
     if _relays:
         yield

@@ -1,7 +1,7 @@
 """Progress of a long compile or plan on stderr: the present stage, and its start.
 
-What takes less than some seconds prints nothing. A thread prints, so that a stage that takes long
-reports itself while it lasts.
+Stages shorter than some seconds print nothing. A thread prints, so that a long stage is reported
+while it lasts.
 """
 
 import json

@@ -1,7 +1,7 @@
 """A thread between a program that must not wait and a reader that may not read.
 
-A terminal after Ctrl-S, a stalled ssh window or a pipe that nobody empties takes no bytes, for as
-long as it likes. Whoever stops an arm must not wait for it.
+A terminal after Ctrl-S, a stalled ssh window or a pipe without a reader may block for any time. A
+stop of the arm must not wait for it.
 """
 
 import os

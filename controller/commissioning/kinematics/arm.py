@@ -1,7 +1,7 @@
 """The arm as commissioning needs it: its TCP, and the errors it may have.
 
-The arm's model stands beside its driver and knows nothing of this module: it fits by its shape, as
-for planning. Lengths are in mm, angles in rad; a name ends in its unit.
+The arm's model is beside its driver and independent of this module: it matches by structure, as for
+planning. Lengths are in mm, angles in rad; a name ends in its unit.
 """
 
 from __future__ import annotations

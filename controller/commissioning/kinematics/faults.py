@@ -373,7 +373,7 @@ def _columns(terms: PictureTerms, columns: slice) -> FloatArray:
 def _odd_pictures(fit: CellFit, limits: FaultLimits) -> tuple[Fault, ...]:
     """Return pictures far off the cell, compared with their own kind.
 
-    One picture that is far off makes the joints seem loose, and all others look too good.
+    One picture that is far off makes the joints appear loose, and all others too good.
     """
     held = [one for one in fit.pictures if one.is_held]
     usual = float(np.median([one.off_sigma for one in held])) if held else 1.0

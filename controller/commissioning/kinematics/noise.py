@@ -1,11 +1,11 @@
 """Noise in the pictures: of single corners, and of the arm's joints from stop to stop.
 
-A corner's noise is its own. What a joint is off its counter moves the whole board of one picture;
-counted as corners' noise it would make 40 corners of one stop look like 40 measurements. So each
+The noise of a corner is its own. An error of the joints moves the whole board of one picture;
+counted as noise of corners it would make 40 corners of one stop look like 40 measurements. So each
 picture's residuals are decorrelated: with joint noise of covariance S and derivatives J they have
-the covariance sigma^2 + J S J', whose effect is undone along the singular vectors of J sqrt(S).
-How large the joints' noise is follows from restricted maximum likelihood (Patterson and Thompson
-1971), as a common factor of what the arm's maker or its counters make likely.
+the covariance sigma^2 + J S J', whose effect is undone along the singular vectors of J sqrt(S). The
+size of the joints' noise follows from restricted maximum likelihood (Patterson and Thompson 1971),
+as a common factor on the noise expected from the arm's maker or its counters.
 """
 
 from collections.abc import Sequence
@@ -98,8 +98,8 @@ def corner_noise_px(terms: Sequence[PictureTerms], used: Sequence[BoolArray]) ->
 def in_line(terms: PictureTerms, used: BoolArray, noise_px: float, limit_sigma: float) -> BoolArray:
     """Return which corners (n,) agree with their own board.
 
-    Each corner is compared with the pose that the picture's corners give together, so that a
-    picture which contradicts the cell as a whole keeps its corners.
+    Each corner is compared with the pose from all corners of the picture, so that a picture which
+    contradicts the cell as a whole keeps its corners.
 
     Parameters
     ----------

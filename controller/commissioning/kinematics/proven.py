@@ -1,7 +1,7 @@
 """A calibration with its faults, and without the odd picture that one in some hundred is.
 
-A motor that comes to rest a few counts off, once, puts the board of that picture far from where the
-cell has it. Such a picture says nothing of the cell, and all others agree without it.
+A motor that once comes to rest a few counts off puts the board of that picture far from its pose in
+the cell. Such a picture has no information on the cell, and all others agree without it.
 """
 
 from collections.abc import Callable, Mapping, Sequence

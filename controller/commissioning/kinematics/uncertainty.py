@@ -1,8 +1,7 @@
 """Uncertainty of a calibrated cell's TCP: in the world, and for its cameras.
 
-The full covariance of the fit is propagated, so that what the pictures fix as a whole counts as a
-whole: base and shoulder may share a turn that nothing shows, and the TCP is where it is all the
-same.
+The full covariance of the fit is propagated, so that quantities fixed jointly by the pictures count
+as such: base and shoulder may share a turn that nothing shows, without any effect on the TCP.
 """
 
 from dataclasses import dataclass

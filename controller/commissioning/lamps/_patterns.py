@@ -149,7 +149,8 @@ def assign(
 def _agreement(seen: FloatArray, expected: FloatArray) -> float:
     """Return 1 less the share of a pattern that another one, at the best brightness, leaves.
 
-    Sums of absolute differences, not of squares: fields in a shadow say little against all others.
+    Sums of absolute differences, not of squares: fields in a shadow then weigh little against all
+    others.
     """
     total = float(np.abs(seen).sum())
     there = expected > 0

@@ -1,8 +1,8 @@
 """The procedure of commissioning: its steps, their records, and what is still valid.
 
-Knows no device. `_record.py` is what a step leaves behind, `_status.py` whether that still holds,
-`_taught.py` what jogging
-teaches, `_files.py` the folder it is kept in, `_cell_file.py` the cell file as commissioned.
+Independent of devices. `_record.py` is the record of a step, `_status.py` its validity,
+`_taught.py` the results of teaching, `_files.py` the folder of all these, `_cell_file.py` the cell
+file as commissioned.
 """
 
 from ._cell_file import calibrated_text, cell_digest

@@ -19,7 +19,7 @@ HEADER = """
 def cell_digest(cell: Cell) -> str:
     """Return the SHA-256 of a cell file's content without comments, addresses and calibrations.
 
-    What has its default is left out too: a key that a later version adds makes no other cell.
+    Defaults are left out too: a key that a later version adds does not change the cell.
 
     Parameters
     ----------

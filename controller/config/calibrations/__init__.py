@@ -1,7 +1,7 @@
 """Calibrations of a cell: files of measured values that take the place of the drawing's.
 
-A cell file names each by ``calibration:``; `load_cell` puts their values where the nominal ones
-stand, so that whoever reads a `Cell` reads the cell as measured.
+A cell file names each by ``calibration:``; `load_cell` replaces the nominal values by theirs, so
+that every reader of a `Cell` gets the cell as measured.
 """
 
 from ._apply import load_cell

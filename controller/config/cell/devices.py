@@ -42,7 +42,7 @@ class CameraDevice(DeviceSection):
 class LineSection(DeviceSection):
     """A device on a Modbus line: `host:port` for tcp and rtu-tcp, a serial device for rtu.
 
-    What is said of the line has to be the same for all devices on it.
+    All devices on a line must have the same settings for it.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """A person's verdict on a part: one more row in the journal, unnoticed by a running cell.
 
-Nothing is changed or deleted. The machine's verdict stays what it was; a later verdict of a person
-stands in place of an earlier one, and both are in the journal.
+Nothing is changed or deleted. The machine's verdict stays; a person's later verdict replaces an
+earlier one, and both are in the journal.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """*Cell*: its devices, calibrations, commissioning and drift, and the pictures it took last.
 
-`cells.py` has what files and journal say, `pictures.py` measures pictures from their files,
-`answers.py` answers. Devices are asked by `cellctl doctor` alone, in a child process that holds the
+`cells.py` has the data from files and journal, `pictures.py` measures pictures from their files,
+`answers.py` answers. Only `cellctl doctor` connects to devices, in a child process that holds the
 cell's lock.
 """
 

@@ -1,7 +1,7 @@
 """Parts of a screen of the page: its place, its users, its answers.
 
-A screen lists looks, acts and uploads. It makes no route itself: `routing.py` does, and puts the
-checks of session, role, token and body before each, so that none can be left out.
+A screen lists looks, acts and uploads. Their routes are made by `routing.py`, which puts the checks
+of session, role, token and body before each, so that none can be left out.
 """
 
 from __future__ import annotations

@@ -4,11 +4,11 @@ The catalogue of this package has the texts that screens share; each screen has 
 own for the rest. ``pybabel compile -d controller/page/SCREEN/catalogues -D page`` compiles one
 after a change (`frame` for the shared one).
 
-What the cell itself says is in a catalogue beside the shared one (``-D cell``): alarms, questions
+The cell's own sentences are in a catalogue beside the shared one (``-D cell``): alarms, questions
 with their choices, steps, motions (ADR 85), names of faces and characteristics, reasons of verdicts
-(ADR 87). The cell says it in English, with names and figures in place; in the catalogue these are
-blanks, as in ``place in tray {tray}``, and a text is looked up by which of them it fits. What a
-blank takes follows from its name:
+(ADR 87). The cell writes them in English, with names and figures filled in; in the catalogue these
+are blanks, as in ``place in tray {tray}``, and a text is looked up by the entry that it matches.
+The content of a blank depends on its name:
 
 - a letter, or a letter and a digit: a figure alone, which is written as the language does;
 - ``..._id``: a name without blanks in it;

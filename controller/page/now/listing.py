@@ -1,8 +1,8 @@
 """A list of parts (CSV) that a person sends: its recipes become those that the page may start.
 
-What else is wrong with a list the run itself says before anything moves. The file that the run gets
-is written here: its recipes are files of the project or names of shipped recipes, so that a list
-can name no other file.
+The run itself reports further errors in a list before anything moves. The file for the run is
+written here: its recipes are files of the project or names of shipped recipes, so that a list can
+name no other file.
 """
 
 import csv

@@ -1,12 +1,11 @@
 """One poller for all browsers: reads journal and control socket, and passes on the changes.
 
 The journal's tail is read every 100 ms, and only if its file has changed. The control socket is
-asked right after a new row, and else twice a second: while a cell is paused, its status asks the
-arm where it stands. Nothing here writes, and nobody waits for it: a page that is killed is not
-noticed.
+polled right after a new row, and otherwise twice a second: while a cell is paused, its status reads
+the arm's position. Nothing here writes, and nothing waits for it: a killed page goes unnoticed.
 
-What *Now* shows goes out in pieces, each only when its text has changed; the pieces that a browser
-has not read yet are one message, so that it never shows one piece of a change without the others.
+*Now* is sent in pieces, each only when its text has changed; the pieces that a browser has not read
+yet are one message, so that it never shows one piece of a change without the others.
 """
 
 import asyncio

@@ -1,8 +1,8 @@
 """Starts `cellctl run` as a process of its own, which outlives the page.
 
 The process has a session of its own and ignores SIGHUP, so that neither the end of the page nor of
-its terminal reaches it. What it prints goes to a file in the folder of runs; the page shows the
-end of that file until the run can be asked itself. Questions of the run wait for an answer.
+its terminal reaches it. Its output goes to a file in the folder of runs; the page shows the end of
+that file until the run itself can be polled. Questions of the run wait for an answer.
 """
 
 import asyncio
@@ -123,8 +123,8 @@ class StartBody(Body):
     def again(self) -> "StartBody | None":
         """The same batch once more; None where that is impossible: each part has its number once.
 
-        Numbers that were counted go on after the last one. What a person stated about the grippers
-        and the trays was true then, and is not stated again.
+        Counted numbers continue after the last one. A person's statements on the grippers and the
+        trays held at that time, and are not repeated.
         """
         if self.serials or self.parts_list or self.is_dry:
             return None
@@ -296,8 +296,8 @@ class Launcher:
     async def cancel(self) -> None:
         """End the preparation of the run that was started here, as Ctrl-C at a terminal does.
 
-        By SIGTERM, which a run takes in the same way: a page that a script has put into the
-        background ignores SIGINT, and so does whatever it starts.
+        By SIGTERM, which has the same effect on a run: a page that a script has put into the
+        background ignores SIGINT, and so do its child processes.
 
         Raises
         ------

@@ -131,7 +131,7 @@ def new_recipe(staged: Staged, project: Path, stem: str) -> str:
 def take(staged: Staged, project: Path, stem: str) -> Path:
     """Write part and recipe into the project; return the recipe's file.
 
-    Nothing that is there is written over: a part's file of the same name must be the same.
+    Existing files are never overwritten: a part's file of the same name must have the same content.
 
     Parameters
     ----------

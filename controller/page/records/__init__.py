@@ -1,6 +1,6 @@
 """Parts of all runs for the screens: queried in threads, store and drawings in another process.
 
-The page's loop waits for none of it, and the cell knows nothing of it.
+The page's loop waits for none of it, and the cell is not involved.
 """
 
 from .files import FORMS, LISTED_FORMS, Wanted

@@ -35,7 +35,7 @@ CROP_TITLES: Final = (
 class DecideBody(Body):
     """A verdict of a person, as the browser sends it.
 
-    `seen` is how many verdicts of persons stood on the page.
+    `seen` is the number of persons' verdicts that the page showed.
     """
 
     run: str = Field(pattern=RUN)

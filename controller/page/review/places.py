@@ -42,7 +42,7 @@ class _Seen:
 def places_of(findings: Sequence[Mapping[str, Any]]) -> list[Place]:
     """Return a part's findings place by place, by the rule of its verdict; proven ones first.
 
-    A finding of which nobody knows where on the part it is stands alone.
+    A finding without a known place on the part is listed alone.
 
     Parameters
     ----------

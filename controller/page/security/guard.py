@@ -1,8 +1,8 @@
 """Guard before all of the page: refuses requests that no browser of a person at this site sends.
 
-It reads the whole request before the page sees it, within a size and a time, and puts the headers
-on every answer that keep a browser from doing what the page never does. The bytes of a file it
-leaves to whoever takes files, once their number is known and allowed.
+It reads the whole request before the page sees it, within a size and a time, and adds the security
+headers to every answer. The bytes of an upload are left to its handler, once their number is known
+and allowed.
 """
 
 from __future__ import annotations

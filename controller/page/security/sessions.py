@@ -84,9 +84,9 @@ def sessions_path(origin: str) -> Path:
 class Sessions:
     """The sessions of a page; with a file they go on when the page is started again.
 
-    The file has a digest of each secret, from which nobody comes back to it; the token of the
-    orders follows from the secret. A session whose account has changed meanwhile is not taken
-    up again.
+    The file has a digest of each secret, from which the secret cannot be recovered; the token of
+    the orders follows from the secret. A session whose account has changed meanwhile is not
+    resumed.
 
     Parameters
     ----------

@@ -26,10 +26,10 @@ _NEAR = np.stack(np.meshgrid(*[[0.0, -1.0, 1.0]] * 3, indexing="ij"), axis=-1).r
 def difference(a: EdgePicture, b: EdgePicture, stance: Stance, light: Light) -> float:
     """Return the least number of pixels by which two pictures on one grid differ.
 
-    One is moved over the other as far as the hold is uncertain, to where they agree best. Against
-    the backlight the answer is the area of what one has and the other has not, farther from it
-    than the tolerance; under the lamps the length of edges that have no edge of the other as near.
-    What the arm gripper covers in either does not count.
+    One picture is moved over the other, within the uncertainty of the hold, to the best agreement.
+    Against the backlight the result is the area covered in only one of them, farther from the other
+    than the tolerance; under the lamps it is the length of edges without an equally near edge in
+    the other. Areas covered by the arm gripper in either do not count.
 
     Parameters
     ----------
@@ -97,8 +97,8 @@ def _placings(pair: _Pair, stance: Stance, step: int, tolerance: float) -> Float
 def _costs(pair: _Pair, placings: FloatArray, tolerance: float) -> FloatArray:
     """Return the cost of placings (m, 3): (m,).
 
-    The share of points without a partner, and a little for how far off all are, so that the search
-    finds its way down.
+    The share of points without a partner, plus a small term for the distance of all, which guides
+    the search.
     """
     total = np.zeros(len(placings))
     for k in (0, 1):

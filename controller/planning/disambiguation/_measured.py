@@ -21,8 +21,8 @@ MIN_STEP_GREY = 8.0
 def measured_picture(predicted: Predicted, backlit: Grey, lit: Sequence[Grey] = ()) -> EdgePicture:
     """Return outline and edges of a photographed part.
 
-    Edges far from those of every hypothesis, on the arm gripper or behind the part, say nothing
-    about which it is and are left out.
+    Edges far from those of every hypothesis, on the arm gripper or behind the part, do not
+    distinguish the hypotheses and are left out.
 
     Parameters
     ----------

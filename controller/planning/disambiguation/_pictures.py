@@ -186,8 +186,8 @@ def stance_of(
 ) -> Stance:
     """Return the possible shift and tilt of hypotheses in one gripper, as one view sees them.
 
-    To first order: what lies at depth z from the gripper's TCP moves by the tilt times z across the
-    picture. The mean of it is a shift of all; what is left is tolerated.
+    To first order: a point at depth z from the gripper's TCP moves by the tilt times z across the
+    picture. Its mean is a shift of all; the rest is tolerated.
 
     Parameters
     ----------

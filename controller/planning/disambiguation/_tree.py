@@ -46,8 +46,8 @@ class DecidingView:
     def after(self, left: Sequence[int]) -> tuple[tuple[int, ...], DecidingView | None] | None:
         """Return the group and the view that follow when a view left the hypotheses `left`.
 
-        The smallest group that holds them all; None if there is none, which a view that said less
-        than it should may lead to.
+        The smallest group that holds them all; None if there is none, which an uninformative view
+        may cause.
         """
         fitting = [k for k, g in enumerate(self.groups) if set(left) <= set(g)]
         if not fitting:

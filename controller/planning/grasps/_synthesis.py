@@ -1,7 +1,7 @@
 """Grasp synthesis for a parallel jaw: seeds, one evaluator, friction and pose errors.
 
-Each stage is cheaper than the next and counts what it leaves and how near the best came, so that
-a part which cannot be held is refused with the number that fails (planning-facts.md 2.2).
+Each stage is cheaper than the next and counts its survivors and the best value, so that a part
+which cannot be held is refused with the number that fails (planning-facts.md 2.2).
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ def judge_grasps(
 def _from_above(judge: Judge, problem: GraspProblem, down: FloatArray) -> _Measured:
     """Return grasps straight down in one stable pose, from a dense search round the part.
 
-    What the rim of a thin plate offers is less than a grasp must have elsewhere.
+    The rim of a thin plate offers less than the contact that a grasp needs elsewhere.
     """
     rules, jaw = judge.rules, judge.jaw
     rim_mm = float(np.ptp(judge.hull @ down)) - TABLE_MARGIN_MM - problem.clearance_mm
@@ -338,8 +338,8 @@ def _measured(
 ) -> _Measured:
     """Return the candidates of those numbered that hold by fine rays and at wrong poses.
 
-    Of a part that lies on a table (`down`, (3,) in the part frame) only place and heading may be
-    wrong, and less contact will do: `table_mm2`, None for what two lines give.
+    For a part on a table (`down`, (3,) in the part frame) only position and heading may be wrong,
+    and less contact is enough: `table_mm2`, None for the contact of two lines.
     """
     rules, table = judge.rules, down is not None
     prefix = "on the table: " if table else "measured finely: "

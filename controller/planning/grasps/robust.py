@@ -1,8 +1,7 @@
 """Robustness of a grasp against errors of the part's pose.
 
 Flat pads turn a part until its walls lie against them, so a wrong pose is first closed on, then
-turned by what the walls' normals ask, and judged as any grasp is (planning-facts.md 2.2, step 6;
-5).
+turned by the walls' normals, and judged as any grasp (planning-facts.md 2.2, step 6; 5).
 """
 
 from __future__ import annotations

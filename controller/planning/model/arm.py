@@ -25,8 +25,8 @@ class ArmLink(SolidBox, Protocol):
     """One moving link, as a box in the link's frame.
 
     Neighbours along the chain are kept apart by the joint limits, not by these coarse boxes; so
-    each link says what it has to be checked against. Links count from the base, and what one link
-    is checked against, all further out are: once a link may touch the table, so may the next.
+    each link lists the boxes it has to be checked against. Links count from the base, and the
+    checks of one link apply to all further out: once a link may touch the table, so may the next.
     """
 
     @property
@@ -185,7 +185,7 @@ class ArmModel(Protocol):
     def branches(self, T_arm_tcp: FloatArray) -> FloatArray:
         """Return all branches' configurations, beyond limits too: (..., b, 6), NaN if none.
 
-        For messages about what is out of reach.
+        For messages about targets out of reach.
         """
 
     def within_limits(self, q: FloatArray) -> BoolArray:

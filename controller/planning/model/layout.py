@@ -126,8 +126,8 @@ class Tray:
 class CellTimes:
     """The fixed times of a cycle; the arm's timing model gives the duration of moves.
 
-    Medians of what the actions' verbs take on the cell's clock. What each kind of step needs of
-    them stands below, as the actions have it.
+    Medians of the actions' verbs on the cell's clock. The needs of each kind of step are listed
+    below, in the order of the actions.
 
     Attributes
     ----------

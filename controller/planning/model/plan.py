@@ -1,7 +1,7 @@
 """Plans: steps to drive, their forecast, the surface shown, and reasons for the rest.
 
-A motion is a tuple of waypoints q (6,), the last one being where the arm shall stand; where it
-starts is where the step before ended. Joints are those of the layout's arm.
+A motion is a tuple of waypoints q (6,), ending at the arm's target; it starts at the end of the
+step before. Joints are those of the layout's arm.
 """
 
 from __future__ import annotations
@@ -127,8 +127,8 @@ class ReceiveStep(Step):
 class SetDown(Step):
     """Put the part back on the table, to be looked at and taken with another grasp.
 
-    Where it comes to rest is known to a millimetre only, so a plan drives no further than this: the
-    cell looks at the table again and plans on from what it sees. The steps after it are forecast.
+    Its resting place is known to a millimetre only, so a plan goes no further than this: the cell
+    looks at the table again and makes a new plan. The steps after it are a forecast.
 
     Attributes
     ----------
@@ -223,8 +223,8 @@ class Unseen:
 class Proof:
     """Proven quality of a plan, and the scope of the proof.
 
-    The cost is that of regrasps (seconds and risk) and of views at a fixed cost each; in which
-    order views are driven is not in it.
+    The cost covers regrasps (seconds and risk) and views at a fixed cost each, but not the order of
+    the views.
 
     Attributes
     ----------

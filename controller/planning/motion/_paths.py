@@ -1,7 +1,7 @@
 """Collision-free paths between configurations, with as few whole joint moves as possible.
 
-Tried in turn: one joint line, the arm's own detours, two random trees. Whatever is answered has
-been checked segment by segment, with the space the arm may stray into (planning-facts.md 3.3).
+Tried in turn: one joint line, the arm's own detours, two random trees. Every answer has been
+checked segment by segment, with the space the arm may stray into (planning-facts.md 3.3).
 """
 
 from __future__ import annotations

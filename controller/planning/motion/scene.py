@@ -1,8 +1,8 @@
 """The arm among its surroundings: contact tests of configurations.
 
 Two stages. Links, grippers and obstacles are boxes, and so is the part at first: the test of boxes
-is vectorised, 0.02 ms a configuration, and what it finds free is free. Where nothing but the
-part's box touches something and the part's triangles are known, they decide.
+is vectorised, 0.02 ms a configuration, and its free results are final. Where only the part's box
+touches something and the part's triangles are known, the triangles decide.
 """
 
 from __future__ import annotations

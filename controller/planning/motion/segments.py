@@ -124,7 +124,7 @@ def segment_seems_free(
 def radii_mm(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
     """Return a bound on how far any point of arm, gripper or part moves with each joint (6,).
 
-    In units of `ArmModel.radii_mm`, for what the arm carries in a scene.
+    In units of `ArmModel.radii_mm`, for the load of the arm in a scene.
 
     Parameters
     ----------

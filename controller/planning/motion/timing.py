@@ -1,6 +1,6 @@
 """Duration of joint moves, and the deviation of gripper and part from the joint line.
 
-How long, and where the joints are meanwhile, the arm's timing model says (planning-facts.md 3.3).
+The arm's timing model gives the duration and the joints in between (planning-facts.md 3.3).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Full construction of a sequence of grasps and views, down to the last waypoint.
 
-What has no path is named, so that the search can go on without it and without anything else
-(planning-facts.md 1.3, lazy verification).
+The element without a path is named, so that the search can continue without it and without anything
+else (planning-facts.md 1.3, lazy verification).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """For each stable pose the part may start in: a complete plan, or the reason why there is none.
 
-Worked out before the first part arrives, so that nobody learns at the cell that a part which fell
-on its side cannot be picked (planning-facts.md 9).
+Computed before the first part arrives, so that a part that cannot be picked from its side is known
+before it happens at the cell (planning-facts.md 9).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Points by which views are chosen, and points that count the result (ADR 57, 64).
 
-Views are chosen from tables of every direction and grasp, which fewer points have to do for: some
-millimetres apart, and closer where few directions show anything, in bores and pockets. What these
-views leave blind is found by denser points, for further views. What the plan then shows is counted
-by points of a third draw, `controller.cad.counted_samples`, that chose nothing.
+Views are chosen from tables of every direction and grasp, which allow fewer points: some
+millimetres apart, and closer in bores and pockets, where few directions show anything. Blind spots
+of these views are found by denser points, for further views. The resulting plan is counted by
+points of a third draw, `controller.cad.counted_samples`, that chose nothing.
 """
 
 from __future__ import annotations

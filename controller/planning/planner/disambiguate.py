@@ -1,10 +1,10 @@
 """A plan that begins with a disambiguation view, which identifies the part in the arm gripper.
 
-A part may be ambiguous to recognition: its mirror twin, or a pose that looks alike from above.
-The part is taken with a grasp that holds whichever it is; the cheapest view that separates the
-hypotheses comes first, and the plan goes on by what it shows. If it is the part that was planned
-for, the plan just goes on; if it is that part in another pose, a new plan starts from the arm
-gripper; another part, or one that may still be several, goes to the quarantine tray (ADR 12).
+A part may be ambiguous to recognition: its mirror twin, or a pose that looks alike from above. The
+part is taken with a grasp that holds under every hypothesis; the cheapest view that separates the
+hypotheses comes first, and the plan continues by its result. If it is the planned part, the plan
+just goes on; if it is that part in another pose, a new plan starts from the arm gripper; another
+part, or one that is still ambiguous, goes to the quarantine tray (ADR 12).
 """
 
 from __future__ import annotations
@@ -252,7 +252,7 @@ def _up_to_deciding_view(
 ) -> tuple[tuple[Step, ...], InArm] | DisambiguationTree:
     """Return the steps up to the deciding view, and the hold of the part then.
 
-    A `DisambiguationTree` without a first view where none of the views with this grasp tells.
+    A `DisambiguationTree` without a first view if none of the views with this grasp decides.
 
     Raises
     ------

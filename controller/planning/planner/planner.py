@@ -1,8 +1,8 @@
 """Plans: the steps that show all of a part that can be shown, and end in a tray.
 
-The search (planning-facts.md 1.3) decides in which grasps to hold the part and which views to take.
-Its solution is worked out with all motions; what turns out to have no path is taken out of the
-problem, and the search is repeated. The same input gives the same plan.
+The search (planning-facts.md 1.3) decides on the grasps and the views. Its solution is computed
+with all motions; elements without a path are removed from the problem, and the search is repeated.
+The same input gives the same plan.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Taking a part off the table from among other objects, which stay as they are (ADR 66).
 
-A part that touches another one comes away from it when it is lifted straight up, unless that one
-lies over it. So the lift asks what is above the part; the gripper keeps its distance from all.
+A part that touches another one is freed by lifting it straight up, unless the other lies over it.
+So the lift checks the space above the part; the gripper keeps its distance from all.
 """
 
 from __future__ import annotations

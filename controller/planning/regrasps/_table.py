@@ -33,7 +33,7 @@ def rests(solid: Solid, poses: Sequence[StablePose], layout: CellLayout) -> tupl
 
     With neighbours on the table it is where the area is farthest from them.
 
-    A pose that tips when it is lifted by half a millimetre, or rolls, or rocks, is none to aim at
+    A pose that tips when it is lifted by half a millimetre, or rolls, or rocks, is no target
     (planning-facts.md 4).
 
     Parameters

@@ -115,7 +115,7 @@ def make_tables(problem: Problem, max_grasps: int) -> Tables:
 def hard_elements(rows: BoolArray, missing: BoolArray, most: int) -> list[int]:
     """Return some of the missing elements that few rows show; none implies another.
 
-    What every row that shows one of them shows comes along with it.
+    Any element shown by every row that shows one of them is implied.
 
     Parameters
     ----------

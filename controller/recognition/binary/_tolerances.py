@@ -73,8 +73,9 @@ class BinaryTolerances:
     def for_pixels(cls, mm_per_px: float) -> "BinaryTolerances":
         """Return the tolerances for pixels of another size, the longer side of one where oblong.
 
-        What the pixel sets grows with it: spacing, chords, noise, slits, specks. What perspective
-        sets stays. Pixels finer than a quarter mm change nothing, the lens has the say there.
+        Lengths limited by pixels grow with the pixel: spacing, chords, noise, slits, specks.
+        Lengths limited by perspective stay. Pixels finer than a quarter mm change nothing, since
+        the lens is then the limit.
         """
         usual = cls()
         times = max(1.0, mm_per_px / usual.spacing_mm)

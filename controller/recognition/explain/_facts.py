@@ -1,7 +1,7 @@
 """Facts of an object: the stages of its recognition, once for picture and table.
 
-Recognition keeps what its search needs; what a reader wants besides, the paper's corner list, the
-primitives, the grey features, is computed here from what was kept, by the same functions.
+Recognition keeps the data its search needs; further data for a reader, such as the paper's corner
+list, the primitives and the grey features, is computed here from it, by the same functions.
 """
 
 from collections.abc import Sequence

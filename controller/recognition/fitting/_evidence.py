@@ -1,7 +1,7 @@
 """The evidence for a fitted pose and against it, as figures for a decision.
 
-Two questions, each asked both ways: is what the pose predicts in the picture, and is what the
-picture shows predicted?
+Two questions, each asked both ways: is the prediction in the picture, and is the content of the
+picture predicted?
 """
 
 from collections.abc import Callable, Sequence

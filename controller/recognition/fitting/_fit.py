@@ -1,7 +1,7 @@
 """Sub-pixel pose: move a part until its visible edges lie on those of the picture.
 
 Gauss-Newton over the distances along the edges' normals, under full perspective. The edges are
-predicted anew when the part has moved, since what is seen of it changes with where it lies.
+predicted anew when the part has moved, since the visible edges depend on its pose.
 """
 
 from collections.abc import Sequence

@@ -146,9 +146,9 @@ class OutlineMeasure:
 class GreyMeasure:
     """Edges as peaks of the grey-level gradient.
 
-    Of a scene under several lamps, one at a time, the gradient at each pixel is that of the lamp
-    that shows it best. What a pose has to explain are the edges of the crop alone: where that is
-    the brightest of all lamps' pictures, it has no shadows.
+    In a scene under several lamps, one at a time, the gradient at each pixel is that of the lamp
+    with the strongest one. A pose has to explain only the edges of the crop: if that is the
+    brightest of all lamps' pictures, it has no shadows.
 
     Parameters
     ----------
@@ -389,8 +389,8 @@ def _is_anothers(pixels: FloatArray, normals: FloatArray, gap: FloatArray) -> Bo
 def visibility(edges: EdgePoints) -> FloatArray:
     """Return the visibility of predicted edges under lamps, (n,) 0..1.
 
-    What is turned another way is lit another way; a step throws a shadow or hides light. An
-    outline shows by the surface beside it: a wall that is seen edge-on is as dark as a table.
+    Surfaces that are turned differently are lit differently; a step throws a shadow or hides light.
+    An outline shows by the surface beside it: a wall seen edge-on is as dark as a table.
     """
     turned = np.abs(edges.lift) / PLAIN_LIFT
     stepped = edges.jump_mm / PLAIN_JUMP_MM

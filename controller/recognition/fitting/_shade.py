@@ -1,8 +1,8 @@
 """Fit of a pose to the grey levels inside a part, without knowledge of the lamps.
 
-Every surface that is turned the same way is about as bright: brightness is fitted as a smooth
-function of the normal, and what of the picture's variation that explains is the score. It tells
-poses apart that have one outline, and mirror images, without knowing where the lamps stand.
+Surfaces with the same normal are about equally bright: brightness is fitted as a smooth function of
+the normal, and the score is the share of the picture's variation that it explains. It separates
+poses with one outline, and mirror images, without knowing the lamps' positions.
 """
 
 from collections.abc import Sequence

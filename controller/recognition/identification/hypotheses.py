@@ -1,8 +1,8 @@
 """Search over an object's hypotheses: each fitted to the picture, best first.
 
-Fitting is what costs time. Candidates are tried in the order of their silhouettes' overlap; a
-coarse fit with few samples weeds out most, and what cannot come near the best is not fitted at
-all. What lies inside an outline is looked at only where the outline leaves a choice.
+Fitting is the slow step. Candidates are tried in the order of their silhouettes' overlap; a coarse
+fit with few samples removes most, and hopeless ones are not fitted at all. The inside of an outline
+is used only if the outline leaves a choice.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -258,7 +258,7 @@ def _that_may_fit(
 ) -> Iterator[Candidate]:
     """Yield the first candidate, which mostly is the right one, and the others that may fit.
 
-    If none of these may, then the one that comes nearest, for the reason why nothing does.
+    If none of these is possible, then the nearest one, for the reason of the refusal.
 
     Parameters
     ----------

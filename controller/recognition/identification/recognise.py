@@ -1,9 +1,9 @@
 """Recognition: from a picture of the table to sightings of part, stable pose and place.
 
-The order is the paper's (references.md P3.0): what lies there is cut out, its size and outline
-search the library, the best hypotheses are fitted edge by edge under full perspective, and the
-evidence for each decides. Under lamps, or where silhouettes say nothing, grey-level features
-propose hypotheses of their own.
+The order is the paper's (references.md P3.0): an object is cut out, its size and outline search the
+library, the best hypotheses are fitted edge by edge under full perspective, and the evidence for
+each decides. Under lamps, or if silhouettes do not decide, grey-level features propose hypotheses
+of their own.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
 """A lone thing that was cut short, or has a shadow, identified by the edges about it.
 
-What a part shows under one lamp or another is there, though no outline of it is whole. Edges
-propose poses, which are fitted as others are. What a likely pose covers belongs to the thing then:
-it has to be explained as well as what was cut out.
+An edge visible under any lamp is real, though no outline is whole. Edges propose poses, which are
+fitted like others. The area covered by a likely pose then belongs to the thing: it has to be
+explained as well as the region cut out.
 """
 
 from collections.abc import Sequence

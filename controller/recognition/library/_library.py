@@ -1,7 +1,7 @@
 """The library of possible parts, prepared for recognition.
 
 A library of a thousand parts is searched by its views alone; meshes are needed only of the few
-parts a picture may show, and are asked for when they are.
+candidates in a picture, and are loaded then.
 """
 
 from collections import OrderedDict

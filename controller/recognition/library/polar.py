@@ -76,7 +76,7 @@ def from_raster(
 def area_and_centroid(loops: tuple[FloatArray, ...]) -> tuple[float, FloatArray]:
     """Return the area enclosed by loops, the largest of them outermost, and its centroid (2,).
 
-    Which way round a loop runs does not matter: what lies in the largest one is a hole.
+    The sense of a loop does not matter: loops inside the largest one are holes.
     """
     origin = loops[0].mean(axis=0)
     areas, firsts = [], []

@@ -85,8 +85,8 @@ def predicted_shares(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the same shares as `shares_met`, of outlines predicted at the parts' own places.
 
-    Where a part's place is uncertain its outline is predicted once more where the first one came
-    to lie, since a tall part looks another there.
+    If a part's position is uncertain, its outline is predicted once more at the position of the
+    first fit, since a tall part looks different there.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Choice among many fits to one cluster: by places, then the set that explains most.
 
-Before a light table and under lamps alike; what a fit is and what it is worth differs.
+The same before a light table and under lamps; only the fit and its score differ.
 """
 
 from collections.abc import Callable, Sequence

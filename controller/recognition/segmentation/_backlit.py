@@ -1,8 +1,8 @@
 """Dark things before a light table.
 
-The cut is half-way between the table's level at the place and that of what lies there. Walls
-that stand on the light table mirror it and look lighter; they stay part of the thing, because the
-half level at a border is that of the thing's own level next to it.
+The cut is half-way between the table's level there and that of the object. Walls that stand on the
+light table mirror it and look lighter; they stay part of the object, because the half level at a
+border refers to the object's own level next to it.
 """
 
 import cv2

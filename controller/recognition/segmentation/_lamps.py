@@ -1,7 +1,7 @@
 """Pictures of one scene under several lamps merged into one for segmentation.
 
-A shadow is where one lamp does not come to, and others mostly do; a side that is as dark as the
-table under one lamp is bright under another. What is brightest of each place has neither.
+A shadow is where one lamp does not reach, and others mostly do; a side that is as dark as the table
+under one lamp is bright under another. The brightest picture of each place has neither.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """Things whose border shows in part.
 
-A dark side lies in its own shadow, or a wall is as grey as the table. What comes in from the table
-through such a gap takes the whole thing for table.
+A dark side lies in its own shadow, or a wall is as grey as the table. The table's region then
+enters through such a gap and swallows the whole object.
 
 Borders with nothing solid beside them show where that happened. Borders near each other then are
 of one thing, and what they enclose is taken to be it: hollows of its outline and its shadow are in

@@ -1,6 +1,6 @@
 """Makes judged parts: from a run as folded from its journal, or from an inspection just made.
 
-Both ways go through rows of the journal, so that a report says the same either way.
+Both ways use rows of the journal, so that a report has the same content either way.
 """
 
 from collections.abc import Mapping

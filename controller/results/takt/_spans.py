@@ -1,7 +1,7 @@
 """Cuts a run into spans of one use each, by the rows between which it lies.
 
-Every instant between two rows goes into exactly one use, so that the uses add up to the whole. What
-no rule names is `Use.REST`.
+Every instant between two rows goes into exactly one use, so that the uses add up to the whole. Time
+without a rule is `Use.REST`.
 """
 
 from collections.abc import Iterator, Sequence

@@ -108,7 +108,7 @@ class Link:
     def found(self, ip: Ip) -> Status | None:
         """Return an IP's answer on opening, before its stop; None if there was none.
 
-        Where only one of them answered, it is not known which: its answer stands for either.
+        If only one of them answered, its identity is unknown: its answer then counts for either.
         """
         if len(self._found) < 2:
             return self._found[0] if self._found else None
@@ -439,8 +439,8 @@ class Link:
     async def _strike(self, request: bytes) -> bool:
         """Send a stop, hand over, send it again; return whether it is proven to reach both IPs.
 
-        Who listens is found out only afterwards: each question before a stop takes 9 ms, and a stop
-        harms neither IP (ADR 15). Whatever goes wrong here, both have to be stopped one by one.
+        The listening board is found out only afterwards: each query before a stop takes 9 ms, and a
+        stop harms neither IP (ADR 15). After any error here, both have to be stopped one by one.
         """
         before, self._wire.listening = self._wire.listening, None
         toggle = encode_simple(Simple.TOGGLE_ONCE)

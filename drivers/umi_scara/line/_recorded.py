@@ -1,9 +1,9 @@
 """The arm as a recording of its line: past requests and answers, for a driver of today.
 
-A recording is of one run, and no two runs are alike: how often a driver looks whether an axis has
-arrived depends on the host. So what only reads is answered by what the arm last answered to it, by
-the recording's time since the last order; and orders have to be the recorded ones, in their order.
-The first that is not ends the recording. Nothing moves.
+A recording is of one run, and no two runs are alike: the number of polls for an arrival depends on
+the host. So reads are answered with the arm's last answer to them, by the recording's time since
+the last order; and orders have to be the recorded ones, in their order. The first different one
+ends the recording. Nothing moves.
 
 Sections (§) are those of umi_rtx.md.
 """

@@ -1,8 +1,8 @@
 """A V4L2 camera as a plain object: ioctl numbers and bytes in, bytes out.
 
-Written after the V4L2 specification and what uvcvideo and videobuf2 were seen to do. Knows neither
-how a client reaches it (a transport carries the ioctls and holds the buffers' bytes) nor how a
-picture is made (a `PictureSource` does, elsewhere, and `deliver` brings it).
+Written after the V4L2 specification and the observed behaviour of uvcvideo and videobuf2.
+Independent of the client's connection (a transport carries the ioctls and holds the buffers' bytes)
+and of the making of pictures (a `PictureSource` makes them elsewhere, and `deliver` brings them).
 """
 
 import asyncio

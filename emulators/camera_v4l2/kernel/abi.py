@@ -1,7 +1,7 @@
 """V4L2 in numbers: requests, struct layouts and flags of `linux/videodev2.h` on 64-bit Linux.
 
 Written after the kernel's header alone; a test compiles the header, where there is one, and
-compares. Knows layouts, not what a camera does with them.
+compares. Knows layouts, not the behaviour of a camera.
 """
 
 from enum import IntEnum

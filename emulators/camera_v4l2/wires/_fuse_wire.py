@@ -1,6 +1,6 @@
 """FUSE without libfuse: the bytes of `linux/fuse.h` and the system calls around them.
 
-Knows requests and replies, not what is served.
+Knows requests and replies, not the files served.
 """
 
 import ctypes

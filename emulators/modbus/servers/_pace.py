@@ -40,7 +40,7 @@ class Pacer:
     async def read_within(self, reader: asyncio.StreamReader, wait_s: float) -> bytes | None:
         """Return bytes that come within a time [world s], b"" at the stream's end, None for none.
 
-        What has arrived when time is up still counts: the wire is as late as its reader.
+        Data that has arrived when time is up still counts: the wire is as late as its reader.
         """
         reading = asyncio.ensure_future(reader.read(4096))
         silence = asyncio.ensure_future(self._silence(wait_s))

@@ -18,7 +18,8 @@ def face_genera(
 ) -> IntArray:
     """Return the number of handles of each surface (f,), counted on the mesh alone.
 
-    A plane, a bore's wall, a ball have none; a surface closed round a ring, as a whole torus, one.
+    A plane, a bore's wall and a ball have none; a surface closed to a ring, such as a whole torus,
+    has one.
 
     Parameters
     ----------

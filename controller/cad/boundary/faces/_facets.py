@@ -176,8 +176,9 @@ def _slivers_joined(
 def true_corners(mesh: trimesh.Trimesh, of_triangle: IntArray) -> BoolArray:
     """Return a mask (n, 3) of the triangle corners that lie on the tessellated surface itself.
 
-    Where two facets meet only, or on a sharp edge that does not turn, a vertex may lie on the
-    chord of a wall and not on the wall. Such vertices come from neighbours with other segments.
+    On a vertex shared by only two facets, or on a straight sharp edge, the vertex may lie on a
+    chord of the wall and not on the wall itself. Such vertices come from neighbours with other
+    segments.
     """
     triangles = np.asarray(mesh.faces, dtype=np.int64)
     count = int(of_triangle.max(initial=0)) + 1

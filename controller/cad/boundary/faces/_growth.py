@@ -100,7 +100,7 @@ class Grower:
     ) -> list[Found]:
         """Return the surfaces in a run of smoothly joined facets.
 
-        None is looked for once nearly all runs before it have failed.
+        The search stops once nearly all runs before have failed.
 
         Parameters
         ----------
@@ -180,7 +180,7 @@ class Grower:
     ) -> Iterator[tuple[Primitive, IntArray]]:
         """Yield candidate surfaces of a facet and some round it, with those facets.
 
-        What lies within facets already ``known`` is passed over; the caller may add to them.
+        Facets that are already ``known`` are skipped; the caller may add to them.
         """
         tried: list[IntArray] = []
         for near in nearness:

@@ -1,8 +1,8 @@
 """Surfaces from triangles: planes, cylinders, cones, spheres, tori, and freeform ones.
 
-A tessellated bore is many narrow coplanar strips; a plane is a facet that is much larger than
-the strips it may run into. So planes are taken first, what is left is grown across edges that are
-nearly smooth, and last the neighbours that turn out to lie on one surface are made one.
+A tessellated bore is many narrow coplanar strips; a plane is a facet much larger than the strips
+that it may border on. So planes are taken first, the rest is grown across nearly smooth edges, and
+finally neighbours on one surface are merged.
 """
 
 from dataclasses import dataclass

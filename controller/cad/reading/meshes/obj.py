@@ -22,7 +22,7 @@ INDEX: Final = re.compile(rb"([-+]?\d+)(?:/[-+]?\d*){0,2}")
 def read_obj(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
     """Return corners (v, 3) in the file's unit and triangles (n, 3).
 
-    An index counts from 1; a negative one counts back from where its face stands in the file.
+    Indices count from 1; negative ones count back from the face's position in the file.
 
     Raises
     ------

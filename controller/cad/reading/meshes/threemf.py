@@ -1,7 +1,7 @@
 """3MF packages (references.md S5), read as a stream: only models are unpacked.
 
-The text of a model is never held whole, nor a tree made of it: memory is that of its corners and
-triangles, whatever a small file unpacks to.
+Neither the whole text of a model nor a tree of it is ever in memory: only its corners and triangles
+are, whatever size a small file expands to.
 """
 
 import io

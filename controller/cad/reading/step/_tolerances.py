@@ -1,9 +1,9 @@
 """Semantic tolerances: the kernel's account and the file's text, side by side.
 
-The kernel knows what each tolerance is and which surfaces it is of. Of its numbers it loses the
-sign of lower deviations, the unit of nominal values (it converts tolerances, but nominal values
-and limits only where they have no number of decimals), and widths that are written as complex
-records. These come from the text, by what the kernel did keep. Traps: cell-facts.md 4.
+The kernel provides each tolerance and its surfaces. Of its numbers it loses the sign of lower
+deviations, the unit of nominal values (it converts tolerances, but nominal values and limits only
+where they have no number of decimals), and widths written as complex records. These are read from
+the text and matched with the kernel's data. Traps: cell-facts.md 4.
 """
 
 import json

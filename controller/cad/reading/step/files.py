@@ -290,8 +290,8 @@ def _tessellated(
 ) -> tuple[dict[str, Any], dict[str, Any], IntArray, Solid]:
     """Return the kernel's arrays, the same with merged faces, each face's new number, the solid.
 
-    What comes out not closed is tried again: divided in another way, then mended. Of a file that
-    stays unsound the reason is that of its surfaces as they stand in it.
+    A result that is not closed is tried again: divided in another way, then repaired. For a file
+    that stays unsound the reported reason refers to its surfaces as they are in the file.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """The STEP kernel as a process of its own: started with limits, its end reported as a CadError.
 
-Nothing of the kernel is imported here. It may crash, hang or take all memory on a damaged file;
-what comes of it is a typed error with the reason, in bounded time.
+Nothing of the kernel is imported here. It may crash, hang or take all memory on a damaged file; the
+caller gets a typed error with the reason, in bounded time.
 """
 
 import importlib.util
@@ -121,8 +121,8 @@ class KernelRun:
     def _wait(self) -> int:
         """Return the child's exit code; SIGXCPU for a child that hangs.
 
-        Its own computing is limited by the kernel; time in which it was ready to run and others
-        had the processor counts for nothing.
+        The kernel limits the child's computing time; time spent waiting for a processor does not
+        count.
         """
         while True:
             ends = self._deadline + kept_waiting_s(self._process.pid)

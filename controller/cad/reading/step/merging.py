@@ -1,7 +1,7 @@
 """Faces of a STEP file that are one surface: some CAD systems cut every bore into two or four.
 
-Two faces are one if they share an edge and are the same plane, cylinder, cone, sphere or torus, to
-a micrometre wherever either has points. What is freeform stays as it is.
+Two faces are one if they share an edge and have the same plane, cylinder, cone, sphere or torus, to
+a micrometre at all points of both. Freeform faces stay unchanged.
 """
 
 from itertools import pairwise

@@ -1,7 +1,7 @@
 """The text of a STEP file (ISO 10303-21), to the extent that tolerances need it.
 
-The kernel gives dimensions without the sign of their lower deviation and, where the designer wrote
-inches, their nominal value without conversion. The text says both, so the parent asks it.
+The kernel gives dimensions without the sign of their lower deviation and, for files in inches,
+their nominal value without conversion. The text has both, so the parent reads them from it.
 """
 
 import re
@@ -149,8 +149,8 @@ class Part21:
     def faces_of_solid(self, count: int) -> list["Reference"]:
         """Return the faces of the file's solid with the given number of faces, in their order.
 
-        Empty where no solid of the file has so many, or several have: nothing in the text tells
-        which of them is meant.
+        Empty if no solid of the file has that many, or if several have: the text does not identify
+        the solid.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
 """Other files to which a STEP file refers for parts of its product structure.
 
-Facts: ISO 10303-21 for the text; the names stand in DOCUMENT_FILE and in
+Facts: ISO 10303-21 for the text; the names are in DOCUMENT_FILE and in
 APPLIED_EXTERNAL_IDENTIFICATION_ASSIGNMENT (recommended practices of the CAx-IF for external
-references). The kernel reads what lies where the name leads to from the file's own folder.
+references). The kernel resolves names from the file's own folder.
 """
 
 import hashlib
@@ -58,8 +58,8 @@ def decoded(text: bytes) -> str:
 def collect(path: Path, data: bytes) -> References:
     """Return a STEP file with all files that it names, and that those name.
 
-    A name that leads out of the folder counts as missing, so that a file that came by mail
-    cannot have any other one read.
+    A name that leads out of the folder counts as missing, so that a file received by mail cannot
+    have any other file read.
 
     Parameters
     ----------

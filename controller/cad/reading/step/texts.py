@@ -35,8 +35,8 @@ def has_code_page(data: bytes) -> bool:
 def for_kernel(data: bytes) -> bytes:
     r"""Return a file's text in UTF-8, lines ended by a line feed.
 
-    A string that is no UTF-8 is read as code page 1252; of the five bytes that this leaves open
-    the number is shown, as ``\x81``.
+    A string that is not UTF-8 is read as code page 1252; the five undefined bytes are shown by
+    number, as ``\x81``.
     """
     data = utf8_of(data)
     if has_code_page(data):

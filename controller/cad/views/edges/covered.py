@@ -1,10 +1,9 @@
 """Edges that lie wholly behind one sheet of the surface, found without cutting them.
 
-Seen from the side, the rims of a plate's thousand bores lie over each other on two lines, and to
-cut each by all others takes time and memory by their square. Nearly all of them are behind the
-front wall from end to end: nobody sees them, and nothing changes where they pass. What lies
-nearest to the eye over an edge's start is followed towards its end, triangle by triangle, until
-the sheet folds over or the edge comes out before it.
+Seen from the side, the rims of a plate's thousand bores coincide on two lines, and cutting each by
+all others takes time and memory by their square. Nearly all of them are wholly behind the front
+wall and therefore invisible. The nearest surface over an edge's start is followed towards its end,
+triangle by triangle, until the sheet folds over or the edge comes out before it.
 """
 
 import numpy as np

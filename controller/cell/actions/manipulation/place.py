@@ -28,7 +28,7 @@ class PlaceAction:
     async def run(self) -> Event:
         """Move over the tray, release, park the arm; return ``PLACED``.
 
-        A part that is parked goes into the quarantine tray, whatever its verdict.
+        A parked part goes into the quarantine tray, whatever its verdict.
 
         Raises
         ------

@@ -59,7 +59,7 @@ class InspectAction:
     async def run(self) -> Event:
         """Learn the part's pose from the views; return the plan's next event, or that all is seen.
 
-        What they show is waited for after the last one alone.
+        Their results are waited for only after the last one.
 
         Raises
         ------

@@ -41,10 +41,10 @@ class PresentAction:
     async def run(self) -> Event:
         """Present one view after another; return ``SHOWN``.
 
-        After each new grasp it has to be known where the first view shows the part, before the
-        second is taken: it verifies the grasp. In
-        a plan made after a recovery, views that would show nothing new are skipped; so are, once
-        the grasp is verified, views that have failed too often in this batch.
+        After each new grasp the pose of the part in the first view has to be known before the
+        second is taken: it verifies the grasp. In a plan made after a recovery, views that would
+        show nothing new are skipped; so are, once the grasp is verified, views that have failed too
+        often in this batch.
 
         Raises
         ------

@@ -33,8 +33,8 @@ LOOP_REPORT_S: Final = 10.0
 class ArmWatcher:
     """Turns an arm that is silent at rest, or has lost its positions, into a fault.
 
-    One reading that makes no sense is passed over: the line may have been disturbed, and nothing
-    moves. Two in a row are a fault.
+    A single implausible reading is ignored: the line may have been disturbed, and nothing moves.
+    Two in a row are a fault.
 
     Parameters
     ----------

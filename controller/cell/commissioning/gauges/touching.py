@@ -1,7 +1,7 @@
 """The arm's fingers about the plate in the fixed gripper: the places, the ways in, and the touch.
 
 The plate stands out of the fixed jaws. The arm's open jaws come over it from its free end along
-straight lines, and close slowly off its middle until one finger's tip touches a face of it.
+straight lines, and close slowly off its middle until the tip of one finger touches a face of it.
 """
 
 from dataclasses import dataclass

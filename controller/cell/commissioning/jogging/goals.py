@@ -1,7 +1,7 @@
 """The goal of a jog: configurations near by, by the arm's model, and reasons against one.
 
-Forward kinematics are followed numerically from where the arm stands, so that no elbow changes
-sides and a pose that leaves a joint free keeps it where it is. Arrays in, arrays out.
+Forward kinematics are followed numerically from the arm's position, so that no elbow changes sides,
+and a joint that a pose leaves free stays in place. Arrays in, arrays out.
 """
 
 from math import radians

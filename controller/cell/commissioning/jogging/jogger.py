@@ -1,9 +1,9 @@
 """Carries jog orders out: checks each motion, then moves through the cell's services.
 
-Before the arm is homed its positions mean nothing: a motor may be tried, a little and with little
+Before the arm is homed its positions are invalid: a motor may be tried, a little and with little
 force, and the arm may home (docs/protocols/umi_rtx.md 10). All else is refused until then. Each
-motion is checked against soft limits and against everything that the cell file has; what lies on
-the table or is held it does not know.
+motion is checked against soft limits and against all obstacles in the cell file; objects on the
+table or in a gripper are unknown.
 """
 
 from collections.abc import Awaitable, Callable, Mapping
@@ -229,7 +229,7 @@ class Jogger:
     async def _origin(self) -> tuple[FloatArray, FloatArray]:
         """Return the joints (6,) and the pose (4, 4) at which the next motion starts.
 
-        That is the last goal, if the arm stands there: so steps add up, and rounding to whole
+        The start is the last goal if the arm is there: so steps add up, and rounding to whole
         counts does not.
         """
         self._require_homed()

@@ -1,8 +1,8 @@
 """A visit in which a person, or a script, moves the cell by orders: `cellctl jog`.
 
-It is a visit like a step of commissioning: with journal, locks, interlocks, watchers, permit, and
-a stop that halts metal first. The pilot is who gives the orders; what the pilot stops while
-something moves, halts and stays; any other end (Ctrl-C, a closed terminal, an open door) ends it.
+It is a visit like a step of commissioning: with journal, locks, interlocks, watchers, permit, and a
+stop that halts metal first. The pilot gives the orders; a stop by the pilot halts the motion and
+keeps the visit; any other end (Ctrl-C, a closed terminal, an open door) ends it.
 """
 
 import asyncio

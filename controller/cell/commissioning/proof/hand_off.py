@@ -1,8 +1,8 @@
 """The plate handed to the fixed gripper and back: the effect of a hand-off on a pose.
 
-The inspection camera sees the plate in the arm gripper before and after. Between them the arm lets
-go of it, draws back, comes again and closes. What fixed gripper and arm disagree about, and what
-jaws move in closing, is the difference.
+The inspection camera sees the plate in the arm gripper before and after. In between the arm
+releases it, draws back, returns and closes. The difference is the disagreement between fixed
+gripper and arm, plus the motion of jaws in closing.
 """
 
 import asyncio
@@ -155,8 +155,8 @@ async def _receive(bench: Bench) -> None:
 async def _line(bench: Bench, held: PlateInJaws) -> JointPath:
     """Return a path to where both grippers hold the plate; its last part is a straight line.
 
-    The line has a waypoint every `STEP_MM`, and the path's first waypoint is its beginning: how
-    the arm gets there is followed at once.
+    The line has a waypoint every `STEP_MM`, and the path starts at its first waypoint: the arm's
+    path to it is checked at once.
     """
     layout = with_clearance(bench.layout, TAPE_MM)
     thickness_mm = held.plate.board.plate_mm[2]

@@ -1,8 +1,8 @@
 """The plate as a reference part: calibrated lengths, measured in every picture of it.
 
-The arm predicts the plane of a print, the camera's sight lines meet it, and what is between the
-corners there is compared with the board's file. It is how every dimension of a part is measured in
-this cell, so its bias and scatter are the best that any can have.
+The arm predicts the plane of a print, the camera's sight lines meet it, and the distances between
+its corners are compared with the board's file. Every dimension of a part is measured in this way,
+so bias and scatter here are the best that any dimension can have.
 """
 
 from collections.abc import Sequence

@@ -45,7 +45,7 @@ class RecipeReach:
 def check_reach(recipe: Path, cell: Path) -> RecipeReach:
     """Return the reach of a recipe in a cell: the plans of its part's likely stable poses.
 
-    What is wrong with the files is a problem as well.
+    An error in the files is a problem as well.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Arm and cameras: a plate in the gripper, seen by both cameras at many configurations.
 
-One fit finds where both cameras and the arm stand, both lenses, and how the arm differs from what
-its counters mean (docs/adr/0044). Where the board lies on the table, the world is.
+One fit finds the poses of both cameras and the arm, both lenses, and the arm's differences from its
+counters (docs/adr/0044). The board's mark on the table defines the world.
 """
 
 import asyncio

@@ -1,8 +1,8 @@
 """Light: each lamp is switched alone and viewed by both cameras.
 
-Which lamp it is, by the pattern that it makes, so that swapped channels are found and named; how
-bright it is, whether its brightness follows its setting, how soon it is steady, how evenly a panel
-glows, and that no pixel is too bright to be measured.
+Identity of each lamp, by the pattern of its light, so that swapped channels are found and named;
+its brightness, its response to the setting, its settling time, the evenness of a panel, and the
+absence of saturated pixels.
 """
 
 from collections.abc import Mapping
@@ -277,7 +277,7 @@ async def _time_steady(
     """Return the time from a lamp's order to steady light [s]; None if nothing dates frames.
 
     Switches it several times, each time with another phase against the frames, so that a slow
-    camera sees a fast lamp.
+    camera can time a fast lamp.
 
     Parameters
     ----------

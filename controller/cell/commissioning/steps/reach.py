@@ -1,6 +1,6 @@
 """Reach: the calibrated arm tried on all poses that recipes need, with the uncertainty as margin.
 
-Nothing moves. Places that any recipe needs are tried first; then each recipe is planned as
+Nothing moves. Places that every recipe needs are tried first; then each recipe is planned as
 `cellctl check` does, in a process of its own.
 """
 

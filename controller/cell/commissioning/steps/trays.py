@@ -1,7 +1,7 @@
 """Places: trays and table, touched; and the obstacles that the arm could touch.
 
 No camera sees the trays. The arm is brought above their corners, a person sets its finger tips
-down, and the calibrated arm knows where they are.
+down, and the calibrated arm reads their positions.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """Verification: the calibrated cell predicts the plate's pose, and both cameras check it.
 
-The plate is held anew and shown where no picture was fitted to. All pictures share one hold; what
-differs from it is what arm, cameras and lenses still have wrong between them.
+The plate is held anew and shown at configurations without any fitted picture. All pictures share
+one hold; the differences from it are the remaining errors of arm, cameras and lenses.
 """
 
 from collections.abc import Mapping, Sequence

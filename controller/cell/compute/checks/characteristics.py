@@ -32,8 +32,8 @@ def check_characteristics(
 ) -> tuple[tuple[CheckedCharacteristic, ...], tuple[str, ...]]:
     """Return the measured characteristics of a part, and a sentence for each too tight tolerance.
 
-    General tolerances are never too tight: where the cell cannot verify one, its characteristic is
-    marked, and a PASS names it. A tolerance that somebody stated is meant.
+    General tolerances are never too tight: if the cell cannot verify one, its characteristic is
+    marked, and a PASS names it. A tolerance that somebody stated is binding.
 
     Parameters
     ----------

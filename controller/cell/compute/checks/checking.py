@@ -154,7 +154,8 @@ def _check_files(job: Job) -> None:
 def check_every_pose(job: Job) -> Checked:
     """Return the result of `check_job` with unsteady poses (rolling, barely standing) planned, too.
 
-    A run leaves these until a part lies so; who checks a recipe wants to know what they cost.
+    A run computes these only when a part rests that way; a check of a recipe should report their
+    cost.
 
     Raises
     ------

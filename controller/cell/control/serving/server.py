@@ -1,8 +1,8 @@
 """Serves the control socket: HTTP/1.1 over a unix socket, framed by h11. Knows no cell.
 
-One request a connection, bounded in size and in time. Only processes of the same user are heard,
-and nothing of an error but a sentence goes out. Connections that ask nothing keep nobody out: a new
-one takes the place of an idle one, and requests that read leave the places of orders free.
+One request a connection, bounded in size and in time. Only processes of the same user are served,
+and errors go out as a sentence only. Idle connections keep nobody out: a new one takes the place of
+an idle one, and requests that read leave the places of orders free.
 """
 
 import asyncio
@@ -193,7 +193,7 @@ class Door:
     def _resting(self, writer: asyncio.StreamWriter, peer: Peer) -> Iterator[None]:
         """Count a connection as idle; if there are too many, the oldest of one process ends.
 
-        That process is the one with the most of them, so that a process with a single connection
+        It belongs to the process with the most connections, so that a process with a single one
         keeps it, however many another one opens.
         """
         self._idle[writer] = peer.pid

@@ -1,7 +1,7 @@
 """Interlocks as data: conditions for motion, in three-valued logic.
 
-`logic.py` is the logic, `rules.py` the rules that every cell has and those of a cell file,
-`checks.py` the checks of the safety copies that need nothing but the I/O block.
+`logic.py` is the logic, `rules.py` the rules of every cell and of a cell file, `checks.py` the
+checks of the safety copies that need nothing but the I/O block.
 """
 
 from .checks import check_interlocks, settled_signal

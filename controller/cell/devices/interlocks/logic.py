@@ -1,7 +1,7 @@
 """Kleene's three-valued logic: an unknown fact is neither true nor false.
 
-``and`` is the smaller of its parts and ``or`` the larger, in the order false, unknown, true. So a
-fact that is not known decides nothing that the others do not decide without it.
+``and`` is the smaller of its parts and ``or`` the larger, in the order false, unknown, true. So an
+unknown fact decides nothing that the others do not decide without it.
 """
 
 from collections.abc import Mapping

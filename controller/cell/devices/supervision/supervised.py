@@ -1,7 +1,7 @@
 """The controller's side of the supervisor: heartbeat, and the orders for its absence.
 
 The supervisor is a process of its own (`drivers.supervisor`, ADR 98). It has a stop for every wire
-only while something may move, so that a controller that is late at rest stops nothing.
+only while something may move, so that a late controller at rest causes no stop.
 """
 
 import asyncio
@@ -89,7 +89,7 @@ class Supervised:
     async def beating(self) -> AsyncIterator["Supervised"]:
         """Yield once the supervisor has started and tried every wire; beat while the block runs.
 
-        A block that is broken off ends without a farewell: what may still move is stopped.
+        A block that is broken off ends without a farewell: anything that may still move is stopped.
 
         Raises
         ------

@@ -1,7 +1,7 @@
 """Short reads for a program that follows a journal while runs write it; this module never writes.
 
-A reader that stays open keeps the writer's log from being emptied, so each read here opens the
-file, takes what it needs and closes it again.
+A reader that stays open prevents the writer's log from being emptied, so each read here opens the
+file, reads its rows and closes it again.
 """
 
 import json

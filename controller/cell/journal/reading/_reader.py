@@ -196,8 +196,8 @@ def first_broken_row(path: Path) -> int | None:
 def broken_rows(path: Path) -> list[BrokenRow]:
     """Return all rows that do not fit the chain, in order; empty if it is whole.
 
-    A changed row is named itself; where its hash was made to fit, the row after it is. Of rows cut
-    off the end nothing is seen here.
+    A changed row is named itself; if its hash was made to fit, the row after it is. Rows cut off
+    the end are not detected here.
 
     Raises
     ------

@@ -10,7 +10,7 @@ of its model.
 meaning. A new field with a default does not change it. Fields that a model does not know are
 ignored.
 
-The models stand by what they are about: `_events`, `_deeds` (intents, outcomes, custody, leases),
+The models are grouped by subject: `_events`, `_deeds` (intents, outcomes, custody, leases),
 `_observations` and `_decisions`; `_models` finds the one of a row.
 """
 

@@ -124,8 +124,9 @@ class GraspAvoided(Body):
 class RecoveryProposed(Body):
     """The proposal for a part that an earlier run left, and the decision on it.
 
-    `custody` is where the part is by the evidence, `decision` is `refused` or `accepted`, `person`
-    is why the cell cannot go on, `shown` is what whoever decided was shown to look at beforehand.
+    `custody` is the part's custody by the evidence, `decision` is `refused` or `accepted`, `person`
+    is the reason why the cell cannot continue, `shown` is the list of points that the person was
+    asked to check before deciding.
     """
 
     kind = "decision"

@@ -6,8 +6,8 @@ from ._body import Body, EffectClass, Fields, Joints, Matrix, NamedBody
 class Intent(NamedBody):
     """Something of `Once` is about to be done.
 
-    `retreat` is the joint path (n, 6) by which the arm leaves once it is done; it is free of
-    contact then, and the way the arm came by is not.
+    `retreat` is the joint path (n, 6) by which the arm leaves after the action; that path is free
+    of contact then, unlike the approach.
     """
 
     kind = "intent"
@@ -41,8 +41,8 @@ class PathEnded(Body):
 class HomingBegun(Body):
     """The arm is about to home with its jaws shut, from about these joints (6,); no jaw opens.
 
-    `low` and `high` bound where it may stand; `opening_mm` is where the jaws press on the part,
-    none if they are empty.
+    `low` and `high` bound its position; `opening_mm` is the opening at which the jaws press on the
+    part, none if they are empty.
     """
 
     kind = "intent"

@@ -18,11 +18,11 @@ class RecipeOrdered(Fields):
 class RunBegan(Body):
     """The first row of a run: the recipe, the cell and the options.
 
-    `recipes` are all of them, in their order, where there are several; `recipe` is the first, and
-    `count` counts all parts. `part_identified` says which of them a part is of.
+    `recipes` are all of them in order, if there are several; `recipe` is the first, and `count`
+    counts all parts. `part_identified` assigns each part to one of them.
 
     `is_dry`: its motions were made without a part, lifted; there is nothing to judge. `after_us`:
-    later than each start at this computer that was known to this one [us since 1970].
+    later than each start at this computer known to this one [us since 1970].
     """
 
     kind = "event"
@@ -73,8 +73,8 @@ class EmulatedCellEnded(Body):
 class AlarmFields(Fields):
     """An alarm (docs/alarms.md): its subject, and the facts that are unknown since then.
 
-    `step` is the action it happened in, `unknown` what is not known from now on, `action` what a
-    person does about it.
+    `step` is the action during which it happened, `unknown` the facts that are unknown from now on,
+    `action` the action required of a person.
     """
 
     number: int
@@ -202,7 +202,8 @@ class JournalNotReadable(Body):
 class QuestionRaised(Body):
     """A question to the operator; nothing moves until it is answered.
 
-    `choices` are what may be typed, `preview` is what moves first after each that moves something.
+    `choices` are the words that may be typed, `preview` is the first motion after each that moves
+    something.
     """
 
     kind = "event"

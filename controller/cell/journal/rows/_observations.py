@@ -77,7 +77,7 @@ class CalibrationFields(Fields):
 class CalibrationsStood(Body):
     """Whether the cell's calibrations count, as the run begins.
 
-    `sentences` is what reports state of them.
+    `sentences` are the sentences for reports.
     """
 
     kind = "observation"
@@ -145,7 +145,7 @@ class Sightings(Body):
     def parted(self) -> tuple[SightingFields | None, tuple[SightingFields, ...]]:
         """Return the part that is taken, and all parts left alone.
 
-        One object alone is the part, whether it was taken or not.
+        A single object is the part, whether it was taken or not.
         """
         taken = 0 if self.taken is None and len(self.sightings) == 1 else self.taken
         if taken is None:
@@ -165,8 +165,8 @@ class ViewHold(Fields):
 class ViewPicturesTaken(Body):
     """The pictures of a view, file by lamp, and the arm's joint values (6,).
 
-    With what the view needs to be judged again: how the part was held, None for a part on the
-    table, and which samples it was planned to show, as `controller.config.view_set.packed` has it.
+    With the data for judging the view again: the grasp of the part, None for a part on the table,
+    and the samples it was planned to show, packed as in `controller.config.view_set.packed`.
     """
 
     kind = "observation"
@@ -206,8 +206,8 @@ class FindingFields(Fields):
 class ViewJudged(Body):
     """The result of inspecting a view.
 
-    `faces` has, of each face, how many of its samples this view or an earlier one of the part
-    compared, and how many it has: (face, compared, of). Faces of which none did are not in it.
+    `faces` has for each face the number of its samples compared so far, and their total: (face,
+    compared, of). Faces without any compared sample are left out.
     """
 
     kind = "observation"

@@ -1,8 +1,7 @@
 """The writer thread: rows reach the file in the order of their submission.
 
-Nobody waits for it but whoever secures a row, and they wait for `PATIENCE_WALL_S` at most. So an
-event loop that puts rows in is not held up by a disk that stalls or by another program that has
-the file locked.
+Only callers that secure a row wait for it, for `PATIENCE_WALL_S` at most. So an event loop that
+submits rows is not held up by a stalled disk or by another program that has the file locked.
 """
 
 import queue

@@ -1,7 +1,7 @@
 """Repeats failed device calls, as often as the fault policy allows.
 
-For readings, pictures and lamps alone: to repeat them changes nothing. A motion, a grasp or a
-release is never repeated here. What went wrong first stays in the journal.
+For readings, pictures and lamps alone, which are safe to repeat. A motion, a grasp or a release is
+never repeated here. The first failure stays in the journal.
 """
 
 from collections.abc import Awaitable, Callable

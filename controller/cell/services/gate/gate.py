@@ -1,9 +1,9 @@
 """The gate that everything passes before it moves or looks: holds a pause, requires the permit.
 
-A paused effect is not ended. Its task waits at the gate with its next motion in hand, and goes on
-with the same waypoint. A pause is reached as soon as nothing moves and nothing can begin to: that
-is *now*, or at a safe point, or where a step has ended. Whatever comes to the gate while the door
-is open waits there, too, and has the door reported.
+A paused effect is not ended. Its task waits at the gate with its next motion in hand, and continues
+with the same waypoint. A pause is reached as soon as nothing moves and nothing can begin to: *now*,
+at a safe point, or at the end of a step. Any task that comes to the gate while the door is open
+waits there, too, and has the door reported.
 """
 
 import asyncio

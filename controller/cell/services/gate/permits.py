@@ -1,8 +1,8 @@
 """The permit to move: issued when a person starts, resumes or recovers; gone with every stop.
 
-The machine decides (`controller.cell.machine`), the dispatcher issues and withdraws, and whatever
-moves metal requires the permit first. So an action that a stop has overtaken moves nothing, even if
-it goes on.
+The machine decides (`controller.cell.machine`), the dispatcher issues and withdraws the permit, and
+every motion requires it. So an action that a stop has overtaken moves nothing, even if it
+continues.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """The part of an interrupted run: taken over into this run's record and journal.
 
-What this run writes of it is enough for the next one to go on from, should this one be killed too.
+The rows of this run are enough for the next one to continue from, should this one be killed too.
 """
 
 from dataclasses import dataclass, field

@@ -1,8 +1,8 @@
 """The known facts on the current part and the batch, and the journal's rows made of them.
 
-`part.py` is the part, `product.py` the recipe it is of, `batch.py` all parts with their journal,
-`progress.py` what the operator sees of it, `describe.py` turns results into rows, `holds.py` grasps
-into rows and back.
+`part.py` is the part, `product.py` its recipe, `batch.py` all parts with their journal,
+`progress.py` the progress shown to the operator, `describe.py` turns results into rows, `holds.py`
+grasps into rows and back.
 """
 
 from .batch import BatchRecord

@@ -159,8 +159,8 @@ class PartRecord:
     def in_sight(self) -> BoolArray | None:
         """Mask of the samples (n,) that views had in sight; None before the first view.
 
-        In sight, compared or not: where no check could compare, another such view could not either.
-        From another grasp one may: see `short`.
+        In sight, compared or not: if no check could compare, another such view could not either. A
+        view from another grasp may: see `short`.
         """
         return merged([result.in_sight for result in self.results if result.evaluated])
 

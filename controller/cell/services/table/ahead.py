@@ -1,8 +1,8 @@
 """The next part, chosen and planned while the arm still has the one before it (ADR 74).
 
-What is left alone stays where it was. So the next part can be planned from the last look at the
-table, by a worker process that nothing else waits for. Nothing moves by such a plan before a fresh
-look has shown each object where the plan has it; otherwise the part is planned as ever.
+Objects that are left alone stay in place. So the next part can be planned from the last look at the
+table, by a worker process of its own. Nothing moves by such a plan before a fresh look has
+confirmed each object in place; otherwise the part is planned as usual.
 """
 
 import logging

@@ -1,7 +1,7 @@
 """The object on the table to take next; all others are left in place (ADR 66).
 
-A part at hand is never mixed up with another one: sought again after a fault it is what was not
-there before, and where several may be it, a person decides.
+The current part is never confused with another one: after a fault, it is sought as the object that
+was not there before, and if there are several candidates, a person decides.
 """
 
 from collections.abc import Mapping, Sequence
@@ -165,7 +165,7 @@ def chosen(
 ) -> int:
     """Return the number of the object to take: known for sure, free of others, soonest done.
 
-    What another object lies on is left until that one is gone.
+    An object under another one is left until the upper one is gone.
 
     Parameters
     ----------

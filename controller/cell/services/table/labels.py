@@ -1,8 +1,8 @@
 """The serial number and lot of a part: given in advance, counted, listed, or read off it.
 
-No picture tells which number a part has. A number that is known in advance belongs to the next part
-of its recipe, and a number that was read to the part that came last: then nothing else of the
-batch may be on the table that it could belong to.
+No picture shows the number of a part. A number known in advance belongs to the next part of its
+recipe, a number read to the latest part: then no other part of the batch that could have it may be
+on the table.
 """
 
 from collections.abc import Iterable

@@ -38,7 +38,7 @@ class Taking:
     async def take(self, sightings: tuple[Sighting, ...]) -> bool:
         """Go on with the best of some objects; return False if the current part is not there.
 
-        What is seen is journaled with what is taken of it.
+        The objects seen are journaled together with the choice.
 
         Parameters
         ----------
@@ -81,7 +81,7 @@ class Taking:
     async def leave(self, reason: str) -> bool:
         """Leave the current part on the table and go on with another; return False if none is.
 
-        Only a part that nothing has touched yet, and that has no serial number read off it.
+        Only for a part that nothing has touched yet, and that has no serial number read off it.
 
         Parameters
         ----------
@@ -126,8 +126,8 @@ class Taking:
     def begin_anew(self) -> None:
         """Let the next look begin with any part, unless the current part has begun.
 
-        A part without a plan may have been moved, or taken away for others. One that was held, or
-        shown, is sought again instead: what is known of it is of no other part.
+        A part without a plan may have been moved, or taken away for others. A part that was held,
+        or shown, is sought again instead: its record belongs to no other part.
         """
         if self._is_untouched and self.record.part.plan_count == 0:
             self._let_go()

@@ -1,6 +1,6 @@
 """Begins to judge the pictures of a view, whether they were just taken or are stored.
 
-What the arm does not wait for is asked of the worker process one at a time.
+Optional questions go to the worker process one at a time.
 """
 
 import asyncio
@@ -25,8 +25,8 @@ Answer = TypeVar("Answer")
 class Background:
     """Queues slow questions one by one, so that a quick one waits for one at most.
 
-    The worker process answers in the order in which it is asked. What the arm waits for is asked at
-    once; what it does not wait for is asked here.
+    The worker process answers questions in order. Urgent ones, for which the arm waits, are sent at
+    once; the others are queued here.
     """
 
     def __init__(self) -> None:

@@ -1,7 +1,7 @@
 """The current part, judged ahead: a finished grasp's views are judged while the arm goes on.
 
-How the part lay in the jaws follows from all views of a grasp together, and what each of them shows
-from that. Once the arm changes the grasp nothing of it changes any more (ADR 81).
+The pose of the part in the jaws follows from all views of a grasp together, and the comparison of
+each view from that pose. Once the arm changes the grasp, nothing of it changes any more (ADR 81).
 """
 
 import asyncio
@@ -29,8 +29,7 @@ JudgeAhead = Callable[[Path, str, int], Coroutine[Any, Any, bool]]
 class JudgingAhead:
     """Has the worker process judge the views of finished grasps, piece by piece.
 
-    What it has not done by the time the part is judged is done then: nothing depends on it but how
-    long that takes.
+    Work that is unfinished when the part is judged is done then: only the duration depends on it.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 """The views of a part as a file beside its pictures, in the form that `cellctl inspect` reads.
 
-The part is judged from this file, so that a replay of it sees the same numbers to the last bit.
+The part is judged from this file, so that a replay uses the same numbers to the last bit.
 """
 
 import hashlib

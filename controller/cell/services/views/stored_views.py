@@ -45,7 +45,7 @@ class StoredViews:
     async def take_over(self, left: Interrupted, source: Path) -> tuple[str, ...]:
         """Copy pictures, journal them, begin to judge every view; return the views left out.
 
-        A view is left out whose pictures are gone or are not those that were taken.
+        A view with missing or changed pictures is left out.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """Views of the part: judged in the worker process while the arm moves on.
 
-Of each view two things are asked. Where it shows the part is known soon, and is all that the next
-motion may depend on. What it shows takes some ten times as long, and is taken when it is there.
+Each view has two results. The part's pose is known soon, and is all that the next motion may depend
+on. The comparison takes some ten times as long, and is collected when it is ready.
 """
 
 import asyncio
@@ -135,7 +135,7 @@ class Views:
     async def learn_next(self) -> tuple[Shown, Located] | None:
         """Wait for the part's pose in the oldest view; return the view, else None.
 
-        Each view is returned once. One of the table is passed over until its result is there.
+        Each view is returned once. A view of the table is skipped until its result is ready.
         """
         part = self._record.part
         known = (s for s in part.unlearned if s.located is not None or s.task.done())

@@ -90,7 +90,7 @@ def loads(
 def still_gravities(T_world_tcp: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return gravity's direction in the TCP frame of a still jaw, and turned over: unit (3,).
 
-    And once more for the same grasp turned over, half a turn about the approach.
+    The same holds for the grasp turned over, half a turn about the approach.
     """
     down = T_world_tcp[:3, :3].T @ np.array([0.0, 0.0, -1.0])
     return down, down * np.array([1.0, -1.0, -1.0])

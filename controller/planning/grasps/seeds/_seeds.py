@@ -205,7 +205,7 @@ def needed_friction(solid: Solid, seeds: Seeds, caster: RayCaster) -> tuple[floa
     """Return the least friction angle [deg] that two walls of any width need; their width [mm].
 
     Over rays through the material along the surface's normals and along every bisector of a normal
-    and a main wall direction; 90 and inf where nothing is opposed.
+    and a main wall direction; 90 and inf if nothing is opposed.
 
     Parameters
     ----------

@@ -92,8 +92,8 @@ class VisibilityRules:
     def is_fine(self, cosine: FloatArray, depth_mm: FloatArray) -> BoolArray:
         """Return a mask (...) of surfaces with enough pixels to the foreshortened millimetre.
 
-        Exact on the axis; off it a flat surface has more pixels than this says, by 2 % at most in
-        a picture 20 degrees wide.
+        Exact on the axis; off it a flat surface has more pixels than this estimate, by 2 % at most
+        in a picture 20 degrees wide.
         """
         return np.asarray(self.focal_px * cosine >= self.min_px_per_mm * depth_mm[1])
 

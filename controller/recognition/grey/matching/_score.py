@@ -118,8 +118,8 @@ def _look_up(
 def quick_scores(seen: EdgeMap, index: FeatureIndex, poses: FloatArray, most: int) -> IntArray:
     """Return the indices of the best hypotheses, best first, by the share of edges matched.
 
-    A few edgelets of each first: those that cannot reach the ``most``-th best, were all the rest of
-    theirs found, are not asked further.
+    A few edgelets of each are tested first: views that cannot reach the ``most``-th best even if
+    all their others were found are dropped.
 
     Parameters
     ----------

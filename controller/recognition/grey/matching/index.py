@@ -1,7 +1,6 @@
 """Index of the library's keys: tables sorted by the first key, searched by bisection.
 
-A library may hold thousands of views, so what the index holds of them is in small numbers: 7 kB
-a view.
+A library may hold thousands of views, so the index stores them as small numbers: 7 kB a view.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
 """A model view's features from the CAD line drawing, as flat arrays for thousands of views.
 
-Two images of a part at two places of the table differ by more than a shift: what stands higher
-moves further. Each end of a line therefore holds how much further, and the features of one view,
-made below the camera, are right at every place but for what is hidden there.
+Two images of a part at two places of the table differ by more than a shift: higher points move
+further. Each end of a line therefore holds its own rate, and the features of one view, made below
+the camera, are right at every place apart from hidden ones.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """A pose fitted to the grey levels of a cluster under lamps, beside its other parts.
 
-Edges inside show here, and so does the border between two parts. What another part hides is not
-asked for, and what another part explains is not held against a pose.
+Inner edges are visible here, and so is the border between two parts. Hidden parts of a pose are not
+required, and areas explained by another part do not count against it.
 """
 
 from collections.abc import Sequence
@@ -213,8 +213,8 @@ class LitFit:
     def has_ends(self, seen: EdgeFit, shown: tuple[FloatArray, float] | None = None) -> bool:
         """Return True if the picture shows those edges that do not run along a curved surface.
 
-        What runs along a cylinder is there for a shorter or longer one as well, wherever along it
-        that is, and so are the streaks on it: its ends and steps are what tells it.
+        Edges along a cylinder are present for a shorter or longer one as well, at any place along
+        it, and so are the streaks on it: its ends and steps identify it.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """Sightings of parts under lamps that touch or lie on others: one cluster, separated.
 
-Parts that are sure are named; what they leave is looked at again, as pieces with outlines of their
-own, flat on the table or leaning on what is named. What is left at the end stays unknown.
+Parts that are sure are named; the remaining pieces are examined again, with outlines of their own,
+flat on the table or leaning on named parts. The final rest stays unknown.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
 """Search for the parts of a cluster under lamps: poses proposed, fitted, weighed one by one.
 
-Stretches of outlines and lines inside propose parts as if they lay flat on the table. A part that
+Stretches of outlines and inner lines propose parts as if they lay flat on the table. A part that
 lies on another leans: one side of it on the table, the other on its neighbour. Such poses are
 fitted with any tilt, from those that lie flat.
 """

@@ -1,6 +1,6 @@
 """Surfaces with a print: every dark or bright rectangle is a pair of triangles of its own.
 
-So a print is as sharp in a picture as the edge of a part, and needs nothing that a part does not.
+So a print is as sharp in a picture as the edge of a part, and needs no special code.
 """
 
 from typing import Final

@@ -1,7 +1,7 @@
 """The visible share of a ring or a spot lamp: few shadow rays on even surfaces, many at borders.
 
-Knows lamps and what stands between, no camera: surfaces come one in each of some pixels, and only
-which are neighbours matters.
+Knows lamps and the objects between, no camera: surfaces come one in each of some pixels, and only
+their neighbourhood matters.
 """
 
 import itertools

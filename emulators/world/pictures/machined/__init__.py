@@ -1,6 +1,6 @@
 """Parts as a workshop leaves them: tool marks, dust, oil film, and light from wall to wall; ADR 43.
 
-Put over a painted picture: what is here changes light on parts, never where an edge is.
+Painted over a finished picture: it changes light on parts, never the position of an edge.
 """
 
 from .finish import Finish, MachinedPart

@@ -43,8 +43,7 @@ class Faces:
     def places_mm(self, face: NDArray[np.intp], points_mm: Array) -> tuple[Array, Array]:
         """Return the positions of points across tool marks and along them [mm], (n,) each.
 
-        On a turned face it is as far as one goes round it: what lies on it has the same length
-        wherever that is.
+        On a turned face it is the arc length: an object on it has the same length anywhere.
 
         Parameters
         ----------
