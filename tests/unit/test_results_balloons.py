@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +17,11 @@ from controller.cad.views import line_view
 from controller.cell.services.records import measured_row
 from controller.inspection import Verdict
 from controller.inspection.characteristics import Measured, derive
+from controller.results.report import render_parts
 from controller.results.report.signed.balloons import (
+    DETAIL_RADIUS_MM,
+    MIN_CROWD,
+    MIN_SIDE_SHARE,
     PAPER_MM,
     SIDES,
     BalloonDrawing,
@@ -58,9 +64,13 @@ def ways_out_mm(part: Solid, drawing: BalloonDrawing) -> list[float]:
     """Return from the end of each leader the shortest way to where balloons may stand."""
     found = []
     for side in drawing.sides:
-        view = line_view(part, SIDES[side.words])
-        outline = np.vstack([loop.points for loop in view.loops]) * (1, -1) * drawing.scale
-        ring = shapely.MultiPoint(outline).convex_hull.buffer(GAP_MM).exterior
+        if side.border is not None:
+            outline = shapely.Point(side.border.at).buffer(side.border.radius)
+        else:
+            view = line_view(part, SIDES[side.words])
+            points = np.vstack([loop.points for loop in view.loops]) * (1, -1) * side.scale
+            outline = shapely.MultiPoint(points).convex_hull
+        ring = outline.buffer(GAP_MM).exterior
         found += [float(ring.distance(shapely.Point(c.end))) for c in side.callouts]
     return found
 
@@ -207,6 +217,68 @@ def test_many_balloons_in_one_place_do_not_cover_each_other(solid: Solid) -> Non
     drawing = balloon_drawing(solid, many)
     assert gaps_mm(drawing).min() >= 2 * drawing.radius - 1e-6
     assert leaders_cross(drawing) == 0
+
+
+def crowd(solid: Solid, count: int) -> list[CharacteristicReport]:
+    """Return small holes in the middle of a side, and a few at its border."""
+    x, y, z = solid.centroid_mm
+    width_mm, *_ = np.ptp(solid.mesh.bounds, axis=0)
+    one = replace(bench_reports()[0], axis=(0.0, 1.0, 0.0), rim_radius_mm=0.01 * width_mm)
+    turns = 2 * np.pi * np.arange(count) / count
+    at = [(0.04 * width_mm * np.cos(t), 0.04 * width_mm * np.sin(t)) for t in turns]
+    at += [(sign * 0.45 * width_mm, 0.0) for sign in (-1, 1)]
+    return [
+        replace(one, id=f"h{i}", balloon=i, anchors_mm=((x + dx, y, z + dz),))
+        for i, (dx, dz) in enumerate(at, start=1)
+    ]
+
+
+def test_a_crowd_far_from_the_border_is_drawn_as_a_detail(solid: Solid) -> None:
+    drawing = balloon_drawing(solid, crowd(solid, 6))
+    side, detail = drawing.sides
+    assert detail.border is not None
+    assert side.marks[0].letter == detail.border.letter == "A"
+    assert {b.number for c in detail.callouts for b in c.balloons} == set(range(1, 7))
+    assert {b.number for c in side.callouts for b in c.balloons} == {7, 8}
+    assert detail.scale >= 2 * side.scale
+    enlarged = detail.scale / side.scale
+    # both circles are about the same place of the part, and what is pointed at is in them
+    assert np.array(detail.border.at) == pytest.approx(enlarged * np.array(side.marks[0].at))
+    assert detail.border.radius == pytest.approx(enlarged * side.marks[0].radius)
+    for callout in detail.callouts:
+        assert np.linalg.norm(np.subtract(callout.end, detail.border.at)) < detail.border.radius
+    assert leaders_cross(drawing) == 0
+    assert max(leader(c).length for c in detail.callouts) < 2 * DETAIL_RADIUS_MM
+
+
+def test_a_few_long_leaders_are_no_crowd(solid: Solid) -> None:
+    (side,) = balloon_drawing(solid, crowd(solid, MIN_CROWD - 1)).sides
+    assert side.marks == ()
+
+
+def test_details_make_sides_little_smaller_and_do_not_overlap(
+    drawn: tuple[Solid, tuple[CharacteristicReport, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawing = balloon_drawing(*drawn)
+    for side in drawing.sides:
+        for one, other in combinations(side.marks, 2):
+            apart = np.linalg.norm(np.subtract(one.at, other.at))
+            assert apart > one.radius + other.radius
+    monkeypatch.setattr("controller.results.report.signed.balloons.MAX_DETAILS", 0)
+    without = balloon_drawing(*drawn)
+    assert not any(side.border for side in without.sides)
+    assert without.scale >= drawing.scale >= MIN_SIDE_SHARE * without.scale
+    assert drawing.left_out == without.left_out
+
+
+def test_details_of_several_parts_are_cut_by_their_own_circle(tmp_path: Path, solid: Solid) -> None:
+    judged = bench.judged(tmp_path)
+    part = replace(judged.part, characteristics=tuple(crowd(solid, 6)))
+    parts = [replace(judged, part=replace(part, number=number)) for number in (1, 2)]
+    page = render_parts(parts, solid)
+    cut = re.findall(r'<clipPath id="([^"]+)"', page)
+    assert len(set(cut)) == len(cut) == 2
+    assert re.findall(r'clip-path="url\(#([^)]+)\)"', page) == cut
 
 
 def test_what_no_side_shows_is_named(solid: Solid) -> None:

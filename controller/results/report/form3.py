@@ -104,7 +104,7 @@ def make_form(judged: JudgedPart, solid: Solid | str) -> Form:
     h, found = judged.header, judged.part.characteristics
     drawing = balloon_drawing(solid, found) if isinstance(solid, Solid) else None
     shown = {
-        balloon.number: f"view {side.words}"
+        balloon.number: side.words if side.border else f"view {side.words}"
         for side in (drawing.sides if drawing else ())
         for callout in side.callouts
         for balloon in callout.balloons

@@ -3,11 +3,13 @@
 A side is drawn if characteristics show there: a hole where its axis points at the reader, a
 distance where it lies in the paper, from the half of the part that it is in. As few sides as show
 them all, at one scale, the largest that the paper has room for. A characteristic that several of
-these sides show stands where its leader is shortest.
+these sides show stands where its leader is shortest. Where several long leaders end close together,
+that place is drawn once more as a detail, if this makes the sides little smaller.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
 from typing import Final
 
 import numpy as np
@@ -20,7 +22,7 @@ from controller.cad.views import LineView, line_view
 
 from ...line_drawing import Drawing, draw
 from ...run import CharacteristicReport
-from .leaders import CHAIN_MM, RADIUS_MM, Placed, Ring, arrange
+from .leaders import CHAIN_MM, GAP_MM, RADIUS_MM, Placed, Ring, arrange
 
 # rows are right, up and towards the reader, in the CAD frame
 SIDES: Final[Mapping[str, FloatArray]] = {
@@ -41,8 +43,19 @@ MIDDLE_SHARE: Final = 0.1
 PAPER_MM: Final = (186.0, 217.0)
 # Between two sides, and below each for its caption.
 SPACE_MM: Final = (3.0, 6.0)
-# A part is drawn no larger than this, and its scale is searched for in these steps.
-MAX_SCALE, SCALE_STEP = 3.0, 0.95
+# A part is drawn no larger and no smaller than this, and its scale is searched for in these steps.
+MAX_SCALE, MIN_SCALE, SCALE_STEP = 3.0, 0.03, 0.95
+# Leaders this long reach over other features; shorter ones are as good as a detail.
+LONG_MM: Final = 2.0 * GAP_MM
+# What balloons of a detail point at lies in this circle of the side, which is drawn a little wider.
+# A detail's own circle is at least twice as wide.
+CROWD_RADIUS_MM, DETAIL_MARGIN_MM = 10.5, 1.5
+DETAIL_RADIUS_MM: Final = 2.0 * (CROWD_RADIUS_MM + DETAIL_MARGIN_MM)
+# Fewer balloons than these are no crowd, and a drawing has this many details at most.
+MIN_CROWD, MAX_DETAILS = 4, 3
+MAX_ENLARGED: Final = 4.0
+# Sides keep this share of their scale where details take room from them.
+MIN_SIDE_SHARE: Final = 0.8
 
 Point = tuple[float, float]
 
@@ -72,16 +85,36 @@ class Callout:
 
 
 @dataclass(frozen=True, slots=True)
+class Circle:
+    """The border of a detail, in millimetres of the paper, and the detail's letter."""
+
+    letter: str
+    at: Point
+    radius: float
+
+
+@dataclass(frozen=True, slots=True)
 class Side:
-    """The part from one side, its callouts, and the SVG view box in millimetres of the paper."""
+    """The part from one side, or a detail of that, with the SVG view box in mm of the paper.
+
+    Attributes
+    ----------
+    words : name of the view
+    scale : of this view
+    border : of a detail, None around a whole side
+    marks : details of this side
+    """
 
     words: str
     drawing: Drawing
+    scale: float
     callouts: tuple[Callout, ...]
     x: float
     y: float
     width: float
     height: float
+    border: Circle | None = None
+    marks: tuple[Circle, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +123,8 @@ class BalloonDrawing:
 
     Attributes
     ----------
-    rows : sides beside each other, one row below the other
+    rows : sides and details beside each other, one row below the other
+    scale : of the sides
     radius : of the balloons, in millimetres of the paper
     left_out : balloons with no side to show them
     """
@@ -114,6 +148,27 @@ class _Place:
     shapes: tuple[BaseGeometry | None, ...]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """A side, or a detail of one; lengths are of the part.
+
+    Attributes
+    ----------
+    outline : points (n, 2) that balloons stand around
+    enlarged : how many times as large as the sides
+    side : number of the side that a detail is of, None for a side
+    """
+
+    words: str
+    drawing: Drawing
+    outline: FloatArray
+    enlarged: float = 1.0
+    side: int | None = None
+    letter: str = ""
+    at: Point = (0.0, 0.0)
+    radius: float = 0.0
+
+
 def balloon_drawing(
     solid: Solid, characteristics: Sequence[CharacteristicReport]
 ) -> BalloonDrawing:
@@ -123,16 +178,16 @@ def balloon_drawing(
     places = _places(solid, names, views, characteristics)
     shown = {c.balloon for place in places for c in place.characteristics}
     left_out = tuple(c.balloon for c in characteristics if c.balloon not in shown)
-    drawings = [draw(view, unit=1.0) for view in views]
-    outlines = [np.vstack([loop.points for loop in view.loops]) * (1, -1) for view in views]
+    whole = [
+        _View(name, draw(view, unit=1.0), np.vstack([loop.points for loop in view.loops]) * (1, -1))
+        for name, view in zip(names, views, strict=True)
+    ]
     height_mm = PAPER_MM[1]
     while True:
-        scale = MAX_SCALE
-        while scale > MAX_SCALE / 100:
-            rows = _rows(names, drawings, outlines, places, scale)
-            if rows is not None and _height(rows) <= height_mm:
-                return BalloonDrawing(rows, scale, RADIUS_MM, left_out)
-            scale *= SCALE_STEP
+        fitting = _fitting(whole, places, MAX_SCALE, MIN_SCALE, height_mm)
+        if fitting is not None:
+            rows, scale = _detailed(whole, places, *fitting, height_mm)
+            return BalloonDrawing(rows, scale, RADIUS_MM, left_out)
         height_mm *= 2  # a part with very many balloons: the drawing goes on over the page
 
 
@@ -229,33 +284,134 @@ def _flat(points_mm: FloatArray, R: FloatArray, solid: Solid) -> FloatArray:
     return flat
 
 
-def _rows(
-    names: Sequence[str],
-    drawings: Sequence[Drawing],
-    outlines: Sequence[FloatArray],
+def _detailed(
+    whole: Sequence[_View],
+    places: Sequence[_Place],
+    sides: tuple[Side, ...],
+    rows: tuple[tuple[Side, ...], ...],
+    scale: float,
+    height_mm: float,
+) -> tuple[tuple[tuple[Side, ...], ...], float]:
+    """Return the rows with as many details as have room, and the scale of the sides."""
+    views, placed = list(whole), list(places)
+    least = MIN_SIDE_SHARE * scale
+    for letter in "ABCDEFGH"[:MAX_DETAILS]:
+        crowd = _crowd(places, sides, scale)
+        if crowd is None:
+            break
+        i, members, at, radius_mm = crowd
+        circle = shapely.get_coordinates(shapely.Point(at).buffer(radius_mm, quad_segs=16))
+        enlarged = min(MAX_ENLARGED, DETAIL_RADIUS_MM / (radius_mm * scale))
+        views.append(
+            _View(f"detail {letter}", whole[i].drawing, circle, enlarged, i, letter, at, radius_mm)
+        )
+        hidden = (None,) * (len(views) - 1)
+        placed = [
+            replace(place, shapes=(*hidden, places[k].shapes[i]) if k in members
+                    else (*place.shapes, None))
+            for k, place in enumerate(placed)
+        ]  # fmt: skip
+        fitting = _fitting(views, placed, scale, least, height_mm)
+        if fitting is None:
+            break
+        sides, rows, scale = fitting
+    return rows, scale
+
+
+def _fitting(
+    views: Sequence[_View],
     places: Sequence[_Place],
     scale: float,
-) -> tuple[tuple[Side, ...], ...] | None:
-    """Return all sides at a scale, in rows; None if they or their balloons find no room."""
+    least: float,
+    height_mm: float,
+) -> tuple[tuple[Side, ...], tuple[tuple[Side, ...], ...], float] | None:
+    """Return views, rows and scale, the largest from `scale` down to `least` that has room."""
+    while scale >= least:
+        sides = _sides(views, places, scale)
+        rows = None if sides is None else _rows(sides)
+        if sides is not None and rows is not None and _height(rows) <= height_mm:
+            return sides, rows, scale
+        scale *= SCALE_STEP
+    return None
+
+
+def _crowd(
+    places: Sequence[_Place], sides: Sequence[Side], scale: float
+) -> tuple[int, frozenset[int], Point, float] | None:
+    """Return the place in a side where most long leaders end together; None if there is no crowd.
+
+    Its side, the places that belong to it, and its circle [mm of the part].
+    """
+    number_of = {c.balloon: k for k, place in enumerate(places) for c in place.characteristics}
+    best: tuple[int, frozenset[int], Point, float] | None = None
+    for i, side in enumerate(sides):
+        far = [
+            number_of[callout.balloons[0].number]
+            for callout in side.callouts
+            if side.border is None and _length(callout) > LONG_MM
+        ]
+        shapes = {k: _scaled(s, scale) for k in far if (s := places[k].shapes[i]) is not None}
+        for one, another in combinations_with_replacement(shapes.values(), 2):
+            middle = shapely.LineString([one.centroid, another.centroid]).centroid
+            around = middle.buffer(CROWD_RADIUS_MM)
+            members = frozenset(k for k, other in shapes.items() if around.contains(other))
+            if len(members) < (MIN_CROWD if best is None else len(best[1]) + 1):
+                continue
+            bound = shapely.minimum_bounding_circle(
+                shapely.union_all([shapes[k] for k in sorted(members)])
+            ).buffer(DETAIL_MARGIN_MM)
+            if all(bound.disjoint(shapely.Point(m.at).buffer(m.radius)) for m in side.marks):
+                at = shapely.get_coordinates(bound.centroid)[0] / scale
+                radius_mm = float(shapely.minimum_bounding_radius(bound)) / scale
+                best = (i, members, _point(at), radius_mm)
+    return best
+
+
+def _length(callout: Callout) -> float:
+    return float(np.hypot(*np.subtract(callout.balloons[0].at, callout.end)))
+
+
+def _sides(
+    views: Sequence[_View], places: Sequence[_Place], scale: float
+) -> tuple[Side, ...] | None:
+    """Return all views at a scale of the sides; None if their balloons find no room."""
+    factors = [scale * view.enlarged for view in views]
     targets = [
-        [None if s is None else shapely.transform(s, lambda xy: scale * xy) for s in place.shapes]
+        [
+            None if shape is None else _scaled(shape, factor)
+            for shape, factor in zip(place.shapes, factors, strict=True)
+        ]
         for place in places
     ]
     rings = []
-    for i, outline in enumerate(outlines):  # a distance may reach beyond the part
+    for i, (view, factor) in enumerate(zip(views, factors, strict=True)):
+        # a distance may reach beyond the part
         shown = [shape for row in targets if (shape := row[i]) is not None]
-        rings.append(Ring.about(np.vstack([scale * outline, shapely.get_coordinates(shown)])))
-    placed = arrange(rings, targets)
-    if placed is None:
+        rings.append(Ring.about(np.vstack([factor * view.outline, shapely.get_coordinates(shown)])))
+    arranged = arrange(rings, targets)
+    if arranged is None:
         return None
-    sides = []
-    for i, name in enumerate(names):
-        callouts = tuple(
-            _callout(place, one, targets[k][i])
-            for k, (place, one) in enumerate(zip(places, placed, strict=True))
-            if one.view == i
+    return tuple(
+        _side(
+            views,
+            i,
+            scale,
+            tuple(
+                _callout(place, one, targets[k][i])
+                for k, (place, one) in enumerate(zip(places, arranged, strict=True))
+                if one.view == i
+            ),
         )
-        sides.append(_side(name, drawings[i], scale * outlines[i], callouts))
+        for i in range(len(views))
+    )
+
+
+def _scaled(shape: BaseGeometry, factor: float) -> BaseGeometry:
+    return shapely.transform(shape, lambda xy: factor * xy)
+
+
+def _rows(sides: Sequence[Side]) -> tuple[tuple[Side, ...], ...] | None:
+    """Return sides and details in rows; None if one is wider than the paper."""
     rows: list[list[Side]] = []
     for side in sides:
         if side.width > PAPER_MM[0]:
@@ -287,15 +443,32 @@ def _callout(place: _Place, placed: Placed, shape: BaseGeometry | None) -> Callo
     return Callout(balloons, _point(placed.end), tuple(_point(p) for p in line))
 
 
-def _side(name: str, drawing: Drawing, outline: FloatArray, callouts: tuple[Callout, ...]) -> Side:
+def _side(views: Sequence[_View], i: int, scale: float, callouts: tuple[Callout, ...]) -> Side:
+    view = views[i]
+    factor = scale * view.enlarged
     middles = [b.at for callout in callouts for b in callout.balloons]
     room = RADIUS_MM + 0.3
     corners = np.vstack(
-        [outline, *(np.array(at) + sign * room for at in middles for sign in (-1, 1))]
+        [factor * view.outline, *(np.array(at) + sign * room for at in middles for sign in (-1, 1))]
     )
     low, high = corners.min(axis=0) - 0.3, corners.max(axis=0) + 0.3
     width, height = (float(v) for v in high - low)
-    return Side(name, drawing, callouts, float(low[0]), float(low[1]), width, height)
+    return Side(
+        view.words,
+        view.drawing,
+        factor,
+        callouts,
+        float(low[0]),
+        float(low[1]),
+        width,
+        height,
+        border=None if view.side is None else _circle(view, factor),
+        marks=tuple(_circle(other, factor) for other in views if other.side == i),
+    )
+
+
+def _circle(view: _View, factor: float) -> Circle:
+    return Circle(view.letter, _point(factor * np.array(view.at)), factor * view.radius)
 
 
 def _point(xy: FloatArray) -> Point:
