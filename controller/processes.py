@@ -26,7 +26,7 @@ def make_pool(module: str = "", count: int = 1, niceness: int = 0) -> ProcessPoo
     ----------
     module : that a process imports when it starts, "" for what its first order needs
     count : number of worker processes
-    niceness : by how much they give way to others, as `nice` has it
+    niceness : their niceness, as in `nice`
     """
     return ProcessPoolExecutor(
         max_workers=count,
@@ -46,7 +46,7 @@ def worker_pool(
     ----------
     module : that a process imports when it starts, "" for what its first order needs
     count : number of worker processes
-    niceness : by how much they give way to others, as `nice` has it
+    niceness : their niceness, as in `nice`
     """
     pool = make_pool(module, count, niceness)
     try:

@@ -144,7 +144,7 @@ class StandIns(Compute):
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     pool : for what is really computed; ignored by a loop that has no processes
     noise : noise of recognition
     rng : draws it

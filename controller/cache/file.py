@@ -76,7 +76,7 @@ class ArrayReader:
 
     Parameters
     ----------
-    joined : by dtype, (n,) all arrays of it end to end
+    joined : (n,) arrays of each dtype joined end to end, by dtype
     is_finite : refuse numbers that are infinite or NaN, in arrays and in the tree
 
     Raises

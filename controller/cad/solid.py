@@ -39,7 +39,7 @@ class Solid:
     faces, face_of_triangle : surfaces, and the surface each triangle belongs to (n,)
     unit : length unit of the file; all lengths here are in mm
     unit_is_declared : False where millimetres are no more than the usual
-    density_g_cm3 : where the file says it
+    density_g_cm3 : density stated in the file
     faces_are_complete : False where the search for surfaces ended before it was done, so that some
         with a formula may be among the free-form ones
     """
@@ -155,7 +155,7 @@ def merge_corners(
 
     Raises
     ------
-    EmptyCadError, LargeCadError, CoordinatesCadError, UnitCadError : as `make_solid`
+    EmptyCadError, LargeCadError, CoordinatesCadError, UnitCadError : as in `make_solid`
     """
     if len(triangles) == 0:
         raise EmptyCadError(f"{where}: holds no triangles; export the solid body, not a sketch")

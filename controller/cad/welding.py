@@ -21,7 +21,7 @@ def weld(vertices_mm: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntA
     Returns
     -------
     vertices_mm, triangles : those left; no vertex is without a triangle
-    kept : (m,) which triangle of the input each one is, or lies in the surface of
+    kept : (m,) index of each in the input, or of the triangle whose surface it lies in
     """
     first, merged = _merge(vertices_mm)
     corners = merged[triangles]

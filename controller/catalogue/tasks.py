@@ -30,8 +30,8 @@ class Work:
     ----------
     path, options : CAD file and how it is compiled
     cell : cell file, to plan in it; None to plan nowhere
-    recipe : whose values apply to plans
-    density_g_cm3 : from the command line, None for the recipe's or the file's
+    recipe : recipe whose values apply to plans
+    density_g_cm3 : density from the command line, None for the recipe's or the file's
     camera : overhead, to keep the part's views as it sees them; None to keep none
     """
 
@@ -49,7 +49,7 @@ class Compiled:
 
     Attributes
     ----------
-    seconds : that it took, on the worker's clock
+    seconds : time it took, on the worker's clock
     was_kept : it was in the cache already
     error : reason why the part is refused; None if it is not
     distinct : stable poses to certify, by index: of those that a symmetry makes one, the first

@@ -69,7 +69,7 @@ class PartFaultError(PartProblemError):
 
     Attributes
     ----------
-    fault : which
+    fault : fault to raise
     source : the grasp or view that failed, as `machine.budgets` names it; empty if there is none
     """
 

@@ -38,7 +38,7 @@ class CornerTouch:
     Attributes
     ----------
     corner : -1 or 1 along x and y, from the tray's middle
-    at_mm : (3,) where they were
+    at_mm : (3,) positions of the touches
     """
 
     corner: Corner
@@ -67,7 +67,7 @@ class PlaneFit:
 
     Attributes
     ----------
-    height_mm : at their middle
+    height_mm : height at their middle
     tilt_deg : against the world's table plane
     rms_mm : of the touches from it
     """

@@ -55,7 +55,7 @@ def unreached(
     Parameters
     ----------
     layout : as calibrated
-    scene : that has to be free
+    scene : scene that has to be free
     places : (3,) in the world, by name
     u_mm : expanded uncertainty (k = 2) of where the arm is against the places
     """

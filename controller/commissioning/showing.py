@@ -45,13 +45,13 @@ def showing(
     ----------
     layout : the cell
     scene : with the board in the gripper
-    camera : that is to see it
+    camera : camera that must see it
     T_tcp_board : (4, 4) pose of the printed pattern in the gripper, its z out of the print
     middle_mm : (2,) middle of the pattern in its own frame
     region : distance range from the camera
     count : enough of them
     rng : draws the poses
-    margin_mm : to be kept from everything
+    margin_mm : distance to keep from everything
     """
     found: list[FloatArray] = []
     total = 0

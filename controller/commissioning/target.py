@@ -62,7 +62,7 @@ class BoardSection(Section):
     first_marker : id of the marker at the print's upper left; the others follow row by row
     thickness_mm : thickness of the plate, whose upper face bears the print
     margin_mm : white around the print
-    bare_mm : of the plate beyond the margin at the print's lower side, to hold it by
+    bare_mm : height of bare plate beyond the margin at the print's lower side, for the grasp
     back_first_marker : the same on the other face, whose print is the front's, seen from behind
         with the same side down; None: the other face is bare
     board_frame, note : for people

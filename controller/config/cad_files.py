@@ -91,7 +91,7 @@ def body_name(text: str) -> str:
 
     Parameters
     ----------
-    text : from a file, or from somebody who names the body
+    text : text from a file, or from a person who names the body
     """
     spelt = unicodedata.normalize("NFC", text)
     signs = ("_" if c in "/\\" or not (c.isprintable() or c.isspace()) else c for c in spelt)

@@ -66,8 +66,8 @@ class CharacteristicSection(LimitsSection):
     ----------
     id : id of a characteristic, as `cellctl check` lists it; without its number all alike are meant
     faces : instead of `id`: the face of a hole or a boss, or the two planes of a distance
-    kind : which of a feature's characteristics
-    nominal : in place of the CAD model's
+    kind : characteristic of a feature
+    nominal : nominal value in place of the CAD model's
     plus, minus : allowed deviation above and below its nominal value
     fit : class of tolerance, as H7
     ignore : reason why it is not measured
@@ -108,7 +108,7 @@ class GivenSection(LimitsSection):
     ----------
     id : id of a characteristic of the part, or a name for the one at `p_part_mm`
     kind, p_part_mm, axis : type, position, and axis or direction, in the CAD frame
-    nominal_mm : in place of the CAD model's
+    nominal_mm : nominal length in place of the CAD model's
     """
 
     id: Name | None = None

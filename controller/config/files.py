@@ -86,7 +86,7 @@ def read_text(
 
     Raises
     ------
-    ConfigError : as `read_bytes`, or not UTF-8
+    ConfigError : as in `read_bytes`, or not UTF-8
     """
     return text_of(read_bytes(path, max_bytes, what), path, is_lenient=is_lenient)
 
@@ -216,7 +216,7 @@ def file_within(folder: Path, name: str) -> Path | None:
 
     Parameters
     ----------
-    folder : that the file must lie in
+    folder : folder that the file must lie in
     name : relative to it, as somebody else has written it
     """
     inside = folder.resolve()

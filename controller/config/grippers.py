@@ -25,7 +25,7 @@ class FingersSection(Section):
     thickness_mm : along the direction in which the pads open
     pad_length_mm : length of the pad, from the end of the finger
     friction : friction of the pads against the parts; a recipe may name that of its part
-    compliance_mm : by which the pads give
+    compliance_mm : compliance of the pads
     """
 
     length_mm: Width
@@ -43,7 +43,7 @@ class ArmJawsSection(Section):
     ----------
     force_n : plans count on no more, whatever a recipe allows; the UMI RTX has no unit of force
         (umi_rtx.md 5.6)
-    setting_per_n : of the driver's force setting for each N that a recipe allows
+    setting_per_n : slope of the driver's force setting for each N that a recipe allows
     open_s, release_s : the jaws open, before a grasp and out of one
     grasp_s, press_s : they close until they stall, width read back; they press on what they hold
     """

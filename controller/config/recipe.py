@@ -38,14 +38,14 @@ class InspectionSection(Section):
     not_inspected : faces that need not be inspected, by name as
         `cellctl compile` lists them, each with the reason
     tolerance_class : tolerance class of ISO 2768-1, for all that has no limits of its own
-    required : which characteristics a PASS needs to be verified: all, or those alone whose limits
-        somebody stated, in the recipe or in the CAD file; the rest is measured where a view shows
-        it, and still fails the part where it is beyond its limits
+    required : characteristics that a PASS needs verified: all, or only those with limits stated in
+        the recipe or in the CAD file; the others are measured where a view shows them, and still
+        fail the part when beyond their limits
     smallest_defect_mm : smallest defect to look for, of kinds that `find` does not name
-    find : by kind of defect the size that has to be found for a PASS, in mm; of a kind that is not
-        named the report states what would have been found
-    calibration : which a PASS needs of the cell: `any`, also that of the drawing; `current`, none
-        of its calibrations stale; `verified`, and its verification passed with them
+    find : size by kind of defect that must be found for a PASS, in mm; for kinds not named the
+        report states the size that would have been found
+    calibration : calibration of the cell that a PASS needs: `any`, also that of the drawing;
+        `current`, none of its calibrations stale; `verified`, and its verification passed with them
     characteristics : limits of single characteristics, distances between further planes, and what
         is not measured
     """
@@ -67,7 +67,7 @@ class GraspSection(Section):
 
     Attributes
     ----------
-    force_n : with which grippers press on it; plans count on no more than the cell's have
+    force_n : force of the grippers on it; plans count on no more than the cell's grippers have
     friction : friction of the cell's pads against this part; None for what the cell file says of
         its pads
     width_tolerance_mm : jaws that stop further off than this hold something else
@@ -117,8 +117,8 @@ class Recipe(Section):
     unite : whether the bodies of the part's STEP file are united, as by ``#*``
     others : CAD files of other parts that may turn up on the table, named as `part`
     unit : unit of CAD files that name none, such as STL; a file that names its unit keeps it
-    density_g_cm3 : of the material, for the part's weight (default: the CAD file's, else 2.7,
-        aluminium)
+    density_g_cm3 : density of the material, for the part's weight (default: the CAD file's, else
+        2.7, aluminium)
     cell : cell file, relative to the recipe (default: that file beside the recipe, else the
         emulated cell that comes with cellctl)
     grasp : grasp requirements; JSON keeps the old name

@@ -140,7 +140,7 @@ class SetBox(Section):
     Attributes
     ----------
     T : pose of its centre in the world
-    half_mm : along its axes
+    half_mm : half extents along its axes
     """
 
     T: PoseRows
@@ -153,12 +153,12 @@ class SetView(Section):
     Attributes
     ----------
     id : id of the view; results name it
-    T_world_part : where the part is expected
+    T_world_part : expected pose of the part
     prior_mm, prior_deg : standard deviations of that
     gripper_boxes : boxes of the gripper that may appear in the picture
     pictures : files by lamp, exactly one of them before a panel
     grasp : number of the grasp (default: by the boxes' poses at the part)
-    camera : that took it (default: the set's)
+    camera : camera of the view (default: the set's)
     is_hold_measured : the expected pose was measured in an earlier view
     planned : samples of the surface that the view was to show, as `packed` writes them
     only_planned : no other sample counts
@@ -202,8 +202,8 @@ class ViewSetFile(Section):
     lamps : by name; panels, rings and spots
     views : in the order taken
     characteristics : to be measured (default: those that follow from the CAD file)
-    recipe : with the limits to judge by, where no other is given
-    unseen : by face id, why the plan could not show all of it
+    recipe : recipe with the limits to judge by, if no other is given
+    unseen : reason by face id why the plan could not show all of it
     sample_count : number of samples of the surface, for `planned`
     accuracy : uncertainty of measurements with this camera
     calibration : calibrations of the cell that no longer counted when the pictures were taken

@@ -136,7 +136,7 @@ def load_with_lines(path: Path, model: type[Model], draft: str | None = None) ->
 
     Raises
     ------
-    ConfigError : as `load_yaml`
+    ConfigError : as in `load_yaml`
     """
     text = _text(path, draft)
     try:

@@ -74,12 +74,13 @@ class Bounds:
 
     Attributes
     ----------
-    stop_s : from a stop until it is confirmed
-    arm_silent_s : until a silent line of the arm is known
-    stale_s : until an input that is read no more is unknown
-    poll_s : from one reading of the inputs to the next
+    stop_s : longest time from a stop until it is confirmed
+    arm_silent_s : longest time until a silent line of the arm is noticed
+    stale_s : longest time until an unread input counts as unknown
+    poll_s : period of the input readings
     frame_late_s : longest delay of a frame beyond what rate and exposure explain
-    answer_s : until a silent device of another kind is known, or one that is back answers
+    answer_s : longest time until a silent device of another kind is noticed, or one that is back
+        answers
     """
 
     stop_s: float
@@ -152,7 +153,7 @@ class Bench:
     clock : the cell's
     stopwatch : measures what is compared with a limit
     bounds : time limits
-    line : between driver and device, where it can be disturbed
+    line : line between driver and device, with means to disturb it
     facts : values of the cell file for it: ``lamps``, ``inputs``, ``capture``, ``arm_model``
     release : lets go of the lines that drivers were built on
     may_act : whether the device may be commanded; else its verbs raise `NotTriedError`
@@ -236,7 +237,7 @@ def naming(when: str) -> Iterator[None]:
 
     Raises
     ------
-    NotMetError : in place of whatever the driver raised within
+    NotMetError : raised in place of any error of the driver within
     """
     try:
         yield
@@ -251,7 +252,7 @@ async def timed(bench: Bench, limit_s: float, doing: Awaitable[Any], what: str) 
 
     Parameters
     ----------
-    bench : whose stopwatch it is
+    bench : bench with the stopwatch
     limit_s : longest duration [cell s]
     doing : activity awaited
     what : for the message
@@ -279,7 +280,7 @@ async def known_silent(
 
     Parameters
     ----------
-    bench : with the device, whose line is silent now
+    bench : bench with the device, whose line is silent now
     limit_s : longest duration [cell s]
     reading : returns the reading's awaitable
     error : error that it must raise

@@ -29,8 +29,8 @@ class Group:
     Attributes
     ----------
     first_count, first_pass_count : parts judged for the first time, and those of them that passed
-    forecast_s, actual_s : of the steps that were done, all parts together [cell s]
-    wall_s : from the first row of a part to its last, all parts that have a verdict together
+    forecast_s, actual_s : times of the completed steps, all parts together [cell s]
+    wall_s : time from the first row of a part to its last, all parts with a verdict together
     """
 
     name: str

@@ -65,8 +65,7 @@ class Filters:
 
         Parameters
         ----------
-        is_each : of a part that several runs had at hand each counts, not only the one that has its
-            record
+        is_each : True to count a part of several runs in each, not only in the one with its record
         """
         c = PARTS.c
         named = {
@@ -125,7 +124,7 @@ def list_parts(
     limit : largest number
     skipped : number of entries of the list before them
     sort : one of `SORTS`
-    is_rising : from the least on
+    is_rising : True for ascending order
 
     Raises
     ------

@@ -47,7 +47,7 @@ def values_of(
     ----------
     store : to read
     filters : which parts
-    recipe : whose parts
+    recipe : recipe of the parts
     characteristic : its id
     limit : parts at most, measured or not
 

@@ -44,15 +44,15 @@ class EdgeFits:
 
     Attributes
     ----------
-    offset_px : (n,) where the step is, along the ray from its origin; NaN where there is none
+    offset_px : (n,) offset of the step along the ray from its origin; NaN if there is none
     width_px : (n,) its standard deviation, lens and pixel together
     level, contrast : (n,) grey before it, and how much brighter it is after
     residual : (n,) rms of the fit [grey]
     sigma_px : (n,) standard error of the offset, from the residual or the noise, the larger one.
         Rays nearer to each other than a pixel see the same noise
     burnt : (n,) share of the fitted samples that are white
-    back : (n,) where the profile soon leads back, 1 beyond the step and -1 before it; 0 where it
-        does not, or to both sides
+    back : (n,) sign of the side on which the profile soon leads back, 1 beyond the step and -1
+        before it; 0 for neither or both
     """
 
     offset_px: FloatArray
@@ -83,7 +83,7 @@ def measure_edges(
     Parameters
     ----------
     picture : (height, width)
-    origins_px : (n, 2) where the steps are expected, x before y
+    origins_px : (n, 2) expected positions of the steps, x before y
     directions : (n, 2) unit, square to the edge
     reach_px : range of the search to both sides; one, or one a ray (n,)
     noise : rms of a pixel [grey], at least that of rounding is taken
@@ -148,7 +148,7 @@ def step_heights(
     Parameters
     ----------
     picture : (height, width)
-    origins_px, directions : (n, 2) as `measure_edges` has them
+    origins_px, directions : (n, 2) as in `measure_edges`
     reach_px : range of the search to both sides
     """
     steps = int(np.ceil(reach_px / STEP_PX)) + 1
@@ -216,7 +216,7 @@ def _fit(values: FloatArray, belongs: FloatArray, at_px: FloatArray, noise: floa
     values : (n, k)
     belongs : (n, k) 1 for the samples to be fitted, 0 for the others
     at_px : (k,) their places
-    noise : as `measure_edges` has it
+    noise : as in `measure_edges`
     """
     count = len(values)
     near = belongs * (np.abs(at_px) >= FLAT_PX)

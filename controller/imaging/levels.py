@@ -39,7 +39,7 @@ class Levels:
     ----------
     ground : typical level of the table; above 255 if it is saturated and its rim gives the level
     object : typical level of what lies on it; the ground's if there is nothing
-    threshold : between the two
+    threshold : level between the two
     separation : Ashman's D of the two classes: distance of means over their rms spread
     valley : height of the valley between the humps over that of the lower hump
     saturated_share : saturated share of the pixels
@@ -144,7 +144,7 @@ def fit_ground(
     ----------
     reduced : (h, w), each pixel the mean of ``factor`` x ``factor``
     inside : (h, w) the usable area
-    factor : by which the reduced picture is smaller
+    factor : reduction factor of the picture
     size_px : (width, height) size of the whole picture
     white : level of saturated pixels, whose true level is higher; 256 for none
     tolerance : share of the level by which the table can differ at first; halved as the fit gets

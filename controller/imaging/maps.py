@@ -66,7 +66,7 @@ def meet_part(
     ----------
     caster : rays against the part's mesh, CAD frame
     T_world_part : (4, 4) [mm]
-    eye_mm : (3,) where the lines begin, in the world
+    eye_mm : (3,) start of the lines, in the world
     lines : (n, 3) directions in the world; distances are in units of their length, which are
         depths for the sight lines of a camera, scaled to depth 1
     """

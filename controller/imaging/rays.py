@@ -32,12 +32,12 @@ class RayCaster:
         ----------
         origins_mm, directions : (n, 3), or (3,) where all rays begin at one point or are parallel;
             directions need not have unit length
-        within : (n,) where each ray ends, in units of its direction's length; a short ray is cheap
+        within : (n,) end of each ray, in units of its direction's length; a short ray is cheap
 
         Returns
         -------
         triangle : (n,) int, -1 where the ray meets nothing
-        distance_mm : (n,) in units of the direction's length, inf where nothing is met
+        distance_mm : (n,) distance in units of the direction's length, inf without a hit
         """
         shape = np.broadcast_shapes(origins_mm.shape, directions.shape)
         hits = self._scene.run(
@@ -60,7 +60,7 @@ class RayCaster:
 
         Parameters
         ----------
-        origins_mm, directions : as `first_hit`
+        origins_mm, directions : as in `first_hit`
         max_distance_mm : (n,) or one for all, where the ray ends, in units of the direction's
             length; None for rays without end
         """

@@ -34,7 +34,7 @@ class Serving:
 
     Attributes
     ----------
-    host, port : where it listens
+    host, port : address of the server
     cert, key : files of the certificate and its key, None for plain HTTP
     proxies : addresses of reverse proxies whose word on the browser's address counts
     """
@@ -179,7 +179,7 @@ def build(
     ----------
     runs_dir : folder of all runs
     project_dir : folder of recipes and cell files
-    site : under which addresses browsers find it
+    site : addresses by which browsers find it
     accounts, sessions : accounts and open sessions
     """
     screens = build_screens(Setting(runs_dir, project_dir))
@@ -210,7 +210,7 @@ def server_of(app: Page, serving: Serving, ready: Callable[[], None] = lambda: N
     Parameters
     ----------
     app : the page
-    serving : where it listens, and its certificate
+    serving : address of the server, and its certificate
     ready : called once it listens
 
     Raises

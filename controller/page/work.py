@@ -57,12 +57,12 @@ class Work:
     ----------
     kind, about : action and its subject; together they name the work
     who : name of the person who asked for it
-    folder : for what it writes; its standard output is `OUTPUT` there
+    folder : folder for its output; its standard output is `OUTPUT` there
     mark : fingerprint of its inputs, to know later whether they have changed
     within : folder that messages leave out of the names of files
-    stage, stage_s : of its progress, as it reports it
+    stage, stage_s : its stage of progress as reported, and the time in it
     messages : other lines that it printed, the last ones
-    seconds : that it took, while it runs so far
+    seconds : time it took, or has taken so far
     """
 
     kind: str
@@ -112,8 +112,8 @@ class Workshop:
 
     Parameters
     ----------
-    program : with its first arguments; what starts `cellctl`
-    patience_s : from the request to end to the end by force
+    program : program with its first arguments; the command that starts `cellctl`
+    patience_s : time from the request to end until the end by force
     """
 
     def __init__(

@@ -33,7 +33,7 @@ def open_library(
 
     Raises
     ------
-    CadError : as `load_part`; or a part does not fit into the camera's picture
+    CadError : as in `load_part`; or a part does not fit into the camera's picture
     """
     station = station_of(camera)
     entries = []
@@ -62,7 +62,7 @@ def keep_entry(path: Path, options: CompileOptions, camera: Camera) -> None:
 
     Raises
     ------
-    CadError : as `load_part`
+    CadError : as in `load_part`
     """
     _entry(path, options, station_of(camera), None)
 

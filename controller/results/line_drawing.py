@@ -52,7 +52,7 @@ class Drawing:
     ----------
     outline : path of all loops, for the even-odd rule
     arrows : path of the arrow heads that show the direction of the loops
-    starts : where each loop starts, (x, y)
+    starts : start of each loop, (x, y)
     sharp, smooth, silhouette : paths of the visible edges inside the outline
     rim : path of the visible edges on the outline
     phantoms : ends of edges that pass behind another, (x, y)

@@ -76,7 +76,7 @@ def render_page(package: str, template: str, path: Path, **values: object) -> Pa
 
     Parameters
     ----------
-    package : whose file the template is
+    package : package with the template
     template : its name
     path : path of the page
     values : values for the template, by name
@@ -96,7 +96,7 @@ def make_environment(
 
     Parameters
     ----------
-    package : whose files the templates are
+    package : package with the templates
     names : names of the templates
     filters : more filters for these templates, by name
     """

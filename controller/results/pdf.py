@@ -32,7 +32,7 @@ def pdf_bytes(
     ----------
     page : HTML that needs nothing but itself
     title : title of the document
-    at : when what it reports on ended; the document's date
+    at : end of the work reported on; the document's date
     paper_mm : width and height of the paper, without a margin; None for A4 with the usual margins
 
     Raises

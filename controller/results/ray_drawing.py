@@ -35,7 +35,7 @@ def cast(
     Returns
     -------
     triangle : (height, width)
-    distance_mm : (height, width) in units of the direction's length, inf where nothing is met
+    distance_mm : (height, width) distance in units of the direction's length, inf without a hit
     """
     triangle, distance = caster.first_hit(origins_mm, directions)
     return triangle.reshape(size[::-1]), distance.reshape(size[::-1])

@@ -158,7 +158,7 @@ def judge_ahead(
 
     Raises
     ------
-    ConfigError : as `read_pictures` and `judge_views`
+    ConfigError : as in `read_pictures` and `judge_views`
     """
     asked = kept.once(
         lambda: _asked(file, part, read_pictures(judging.set_path, file, kept), judging, kept),

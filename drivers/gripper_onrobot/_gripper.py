@@ -252,7 +252,7 @@ class RgGripper:
         Raises
         ------
         ValueError : opening or force are out of range; nothing has been sent
-        FaultError, MotionStoppedError, StalledError : as `open_to`
+        FaultError, MotionStoppedError, StalledError : as in `open_to`
         """
         self._check(opening_mm)
         if not 0.0 < force_n <= self._model.max_force_n:

@@ -131,7 +131,7 @@ class Arm(Protocol):
 
         Parameters
         ----------
-        q : where to
+        q : target joints
         speed_share : of the usual speed, above 0 to 1
         """
         ...

@@ -175,7 +175,7 @@ class ArmLayout:
 
     Attributes
     ----------
-    tool_off_mm : of the TCP from the approach axis, along the jaws' axis and across
+    tool_off_mm : offset of the TCP from the approach axis, along the jaws' axis and across
     T_world_column : (4, 4) pose of the frame that the column's corners are given in: it stands on
         the arm's base, and goes where that goes
     """

@@ -121,7 +121,7 @@ class Boundary:
     loop_face : (l,) face of each loop
     is_hole : (l,) False for the outer loop of each face; a face without inside and outside, as the
         wall of a bore, has its longest loop as the outer one
-    chain_start : (e + 1,) where each edge's run in ``chain`` starts
+    chain_start : (e + 1,) start of each edge's run in ``chain``
     chain : (p,) mesh vertices along each edge, from the origin of half-edge ``2 e`` to its end,
         both included
     curve : (e,) `Curve`

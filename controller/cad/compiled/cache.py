@@ -47,7 +47,7 @@ def load_part(
 
     Raises
     ------
-    CadError : as `load_solid`
+    CadError : as in `load_solid`
     """
     on_stage("looking into the cache")
     return cached_part(path, options, cache) or make_part(path, options, cache, on_stage)
@@ -102,7 +102,7 @@ def make_part(
 
     Raises
     ------
-    CadError : as `load_solid`
+    CadError : as in `load_solid`
     """
     options = options or CompileOptions()
     file = _file_of(path, options, cache)
@@ -126,7 +126,7 @@ def _sampled(part: CompiledPart, options: CompileOptions, file: Path | None) -> 
 
     Parameters
     ----------
-    part : with the usual samples
+    part : part with the usual samples
     options : compile options used
     file : file of the part in the cache, beside which its samples are kept; None to keep none
     """

@@ -100,7 +100,8 @@ class CompiledPart:
     views : views of each pose of ``poses``, seen straight from above
     look_alikes : pairs of poses that look the same from above
     samples : points on its surfaces, by which coverage is counted; views are chosen by others
-    smallest_defect_mm : that samples were drawn for; a large part's may miss it
+    smallest_defect_mm : smallest defect that samples were drawn for; a large part's samples may
+        miss it
     features : holes, slots, keyways, pockets, openings, bosses, chamfers, fillets
     tolerances : tolerances that the file states as data, not only as drawn text
     warnings : sentences on what could not be read from the file or computed for the part
@@ -208,7 +209,7 @@ def compile_part(
 
     Raises
     ------
-    CadError : as `load_solid`
+    CadError : as in `load_solid`
     """
     options = options or CompileOptions()
     solid, tolerances, warnings = _read(path, options.unit, on_stage)

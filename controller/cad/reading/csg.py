@@ -45,7 +45,7 @@ def read_csg(path: Path) -> Solid:
     Raises
     ------
     CsgCadError : unreadable or not what docs/csg.md says; names line and key, a problem a line
-    CadError : as `make_solid`, if what was built is no sound solid
+    CadError : as in `make_solid`, if what was built is no sound solid
     """
     check_ahead(path, path.suffix.lower(), size_of(path))
     with path.open("rb") as file:

@@ -121,8 +121,8 @@ def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[IntArray
     Parameters
     ----------
     hull : hull of the part, f facets
-    land : where the part ends from each of its facets
-    strips : which facets are pieces of a curve
+    land : final facet of the part from each of its facets
+    strips : mask of the facets that are pieces of a curve
     """
     rest = land.rest
     a, b = rest[hull.edge_facets[:, 0]], rest[hull.edge_facets[:, 1]]

@@ -35,7 +35,8 @@ class Profile:
 
     Attributes
     ----------
-    rims : (k, 2) along the axis and off it [mm]; the ends are discs, or apexes on the axis
+    rims : (k, 2) distances along the axis and off it [mm]; the ends are discs, or apexes on the
+        axis
     """
 
     rims: FloatArray
@@ -87,7 +88,7 @@ def axes_of(faces: tuple[Face, ...], centre_mm: FloatArray) -> tuple[FloatArray,
     Parameters
     ----------
     faces : faces of the part; a disc's axis is its normal
-    centre_mm : (3,) where points are counted from, CAD frame
+    centre_mm : (3,) origin of the points, CAD frame
     """
     directions: list[FloatArray] = []
     points: list[FloatArray] = []

@@ -32,7 +32,7 @@ class Surface:
     Parameters
     ----------
     mesh : closed
-    centre_mm : (3,) which the movements keep
+    centre_mm : (3,) fixed point of the movements
     tolerance_mm : distance up to which shapes count as the same, beyond the sagitta of chords
         inside curves
     """

@@ -50,8 +50,8 @@ def counted_samples(
     ----------
     solid : with its faces
     spacing_mm : on faces that need no finer one
-    stream : of the draw; other streams have other points
-    most : about so many points in all
+    stream : stream of the draw; other streams have other points
+    most : approximate number of points in all
     """
     rng = np.random.default_rng([int(solid.content_hash[:8], 16), stream])
     face_mm2 = face_areas_mm2(solid)

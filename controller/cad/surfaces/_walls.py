@@ -22,7 +22,7 @@ class Rim:
     Attributes
     ----------
     loop : its number in the boundary
-    point_mm : (3,) where its level crosses the axis
+    point_mm : (3,) intersection of its level with the axis
     radius_mm : mean distance of its points from the axis
     beyond : face on its other side
     crease : type of the edge where the wall meets that face

@@ -49,10 +49,10 @@ class Feature:
     axis : (3,) into the material of a hole or a slot, out of it for a boss, along a fillet or a
         chamfer
     position_mm : (3,) middle of the mouth, of the free end of a boss, of a chamfer or a fillet
-    is_through : of holes and slots open at both ends; of a groove, that it runs through
-    across : of a slot: pairs of planes that face each other, the nearest first
+    is_through : True for holes and slots open at both ends, and for grooves that run through
+    across : axis across a slot: pairs of planes that face each other, the nearest first
     ends : planes that its depth or its height leads to: floors, the free end of a boss
-    is_concave : of fillets: in an inner corner, not round an outer one
+    is_concave : True for fillets in an inner corner
     steps : walls of a hole or a boss from the mouth or the free end on
     """
 

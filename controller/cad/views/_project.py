@@ -38,7 +38,8 @@ class Projection:
     is_central : whether ``eye`` is a position
     facing : (t,) FRONT, EDGE_ON or BACK of each triangle
     matrix : (3, 4) takes homogeneous CAD coordinates to homogeneous plane coordinates
-    wall : (e,) of each mesh edge, the bore or boss seen along its axis it bounds, a face, or -1
+    wall : (e,) wall of each mesh edge: the bore or boss, seen along its axis, that it bounds, a
+        face, or -1
     camera : None from above
     """
 

@@ -27,7 +27,7 @@ def crowding(tree: shapely.STRtree, p: FloatArray, q: FloatArray) -> float:
     Parameters
     ----------
     tree : tree of other segments in the same plane
-    p, q : (n, 2) where the given ones start and end
+    p, q : (n, 2) start and end points of the given ones
     """
     some = np.unique(np.linspace(0, max(len(p) - 1, 0), SAMPLE).astype(np.int64))[: len(p)]
     own, _ = near_pairs(tree, p[some], q[some])

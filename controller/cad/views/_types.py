@@ -26,7 +26,7 @@ class Stroke:
     sweep_rad : turned through from start to end in the ellipse's own angle, 0 for a line; its
         sign is that of a turn from the first half axis towards the second
     edge : CAD edge it is of, -1 where it is the silhouette of a curved face
-    face : of a silhouette, the curved face; -1 otherwise
+    face : curved face of a silhouette; -1 otherwise
     """
 
     start: FloatArray
@@ -71,7 +71,7 @@ class DrawnEdge:
     points : (n, 2) polyline
     points_mm : (n, 3) the same in the CAD frame
     edge : CAD edge, -1 where it is the silhouette of a curved face
-    face : of a silhouette, the curved face; -1 otherwise
+    face : curved face of a silhouette; -1 otherwise
     kind : type of the edge: a crease, a smooth join of two faces, or the rim of a curved face. A
         smooth join is such a rim too where the part turns away along it; then ``edge`` is set
     on_outline : part of the occluding boundary

@@ -39,7 +39,7 @@ class PlanAction:
     taking : goes on with another part where there is no plan for this one
     views : collected first, so that nothing is shown twice
     held_pose : measures how the part is held
-    motion : where the arm stands
+    motion : present joints of the arm
     record : record of the part
     """
 

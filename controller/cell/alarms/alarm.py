@@ -30,7 +30,7 @@ class Alarm:
     number : for messages, reports and people on the telephone; never given to another alarm
     code : stable short name, in the journal and in JSON
     severity : reaction of the cell
-    device : that it is about; "device" where the message names it
+    device : device concerned; "device" if the message names it
     words : description of the event
     unknown : state that is unknown from now on; "nothing" if all is known
     action : action required of a person

@@ -101,7 +101,7 @@ class Batch:
     actions : one for each effect of the table
     dispatcher : runs the batch
     resumption : whether it begins with the part of an interrupted run
-    taking : which part is next; what it has planned ahead is dropped at the end
+    taking : choice of the next part; its plan ahead is dropped at the end
     ahead : judges the part at hand ahead; dropped at the end
     """
 
@@ -169,7 +169,7 @@ def assemble(
     folder : folder of the run, for its pictures
     progress, on_progress : state shown to the operator; called after each change of it
     operator : answers questions
-    numbers : where serial numbers and lots of the parts come from
+    numbers : source of the parts' serial numbers and lots
     stored : parts that stand in the trays
     on_alarm : called with each event that raises an alarm; must return at once
     is_stepwise : the operator lets each motion begin

@@ -57,8 +57,8 @@ class Outcome:
     end : state it came to rest in; refused where nothing was allowed to move
     message : message for the operator; empty when all went well
     code : stable short name of what happened, as in the manual
-    where : where the part is
-    step : in which it happened; empty if no action ended in it
+    where : custody of the part
+    step : step in which it happened; empty if no action ended in it
     """
 
     end: End

@@ -23,7 +23,7 @@ class Papers:
     listed : label of each part of a list, with the number of its recipe
     counted_from : first of the serial numbers that are counted up; empty if none are
     is_read : serial numbers are read off the parts
-    order_number : of the order that the parts are made for
+    order_number : number of the order for the parts
     """
 
     operator: str = ""

@@ -115,7 +115,7 @@ async def run_batch(
     outfit : services of this computer that the run uses
     operator : decides what the cell cannot
     ahead : a worker process for the next part, while the arm has the one before; None for none
-    callers : whose orders to stop the supervisor takes while the event loop is late
+    callers : callers whose stop orders the supervisor takes while the event loop is late
 
     Raises
     ------

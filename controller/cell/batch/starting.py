@@ -59,7 +59,7 @@ async def start(
     journal : journal of the cell; gets evidence and decision
     known : grippers that may hold a part, by the journals of all runs
     began : the first row of this run
-    layout : for the preview of the first motion
+    layout : layout for the preview of the first motion
     operator : decides, if the order has them asked
     sweep : proves the space that homing with the part would sweep
     back : proves the move back to its path of an arm beside it
@@ -167,7 +167,7 @@ async def find_proposal(
     journal : journal of the cell
     known : grippers that may hold a part, by the journals of all runs
     began : the first row of this run
-    layout : for the preview of the first motion
+    layout : layout for the preview of the first motion
     sweep : proves the space that homing with the part would sweep
     back : proves the move back to its path of an arm beside it
     has_recipe : this run has a recipe, which must be that of the part
@@ -318,7 +318,7 @@ def refuse(
     journal : journal of the cell
     message, code : reason, and its code
     where : the part is, or what has not moved, as a sentence
-    custody : which gripper may have a part; None if nobody has looked
+    custody : gripper that may have a part; None if nobody has looked
     """
     key = "" if custody is None else custody.key.upper()
     journal.write(

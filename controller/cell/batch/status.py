@@ -17,9 +17,9 @@ class CellStatus:
     at_s : the cell's clock [cell s]
     state : state of the machine
     label : current activity, for people
-    step, step_count : of the plan, from 1; 0 without one
+    step, step_count : number of the step, and of all steps of the plan, from 1; 0 without one
     custody : which gripper, tray or table has the part
-    remaining_s : of the plan [cell s]; None if nobody knows
+    remaining_s : remaining time of the plan [cell s]; None if unknown
     message : message of the last fault or problem
     alarm : its number and words; empty without one
     point : the safe point at which the cell stands

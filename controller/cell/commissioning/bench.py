@@ -50,7 +50,7 @@ class Bench:
     cell : as commissioned so far
     layout : the cell as planning sees it
     devices : connected and halted
-    arm : that of the devices; it knows whether it is being used
+    arm : arm of the devices; it knows whether it is being used
     clock : clock of the cell
     motion, imaging, gate, interlocks : services
     person : answers and lends a hand
@@ -60,7 +60,7 @@ class Bench:
     based_on : hashes of the calibrations that the step uses
     note : takes a row of the journal
     recipes : files of those that the cell is to run
-    handed : which gripper has what was handed over, while it matters to where the arm may go
+    handed : gripper with the object handed over, while that limits the arm's motions
     """
 
     cell: Cell
@@ -124,7 +124,7 @@ class Bench:
 
         Parameters
         ----------
-        what : for whoever decides
+        what : text for the person who decides
         verb : moves them
 
         Raises
@@ -140,7 +140,7 @@ class Bench:
 
         Parameters
         ----------
-        what : for whoever decides
+        what : text for the person who decides
         is_arm : the arm moves, not jaws alone
         """
 
@@ -175,9 +175,9 @@ class Bench:
 
         Parameters
         ----------
-        q : where to
+        q : target joints
         what : it goes there for, as a message begins
-        speed : as a share of the usual one
+        speed : share of the usual speed
 
         Raises
         ------
@@ -191,7 +191,7 @@ class Bench:
 
         Parameters
         ----------
-        q : where to
+        q : target joints
         scene : load on the arm, and the obstacles
         what : it goes there for, as a message begins
 

@@ -63,7 +63,7 @@ class HeldPlate:
     Attributes
     ----------
     board : from its file
-    T_tcp_body : (4, 4) as it is handed over, to some mm and degrees
+    T_tcp_body : (4, 4) nominal pose at the hand-over, to some mm and degrees
     """
 
     board: BoardSection
@@ -140,7 +140,7 @@ async def look(
     Parameters
     ----------
     bench : bench of the step
-    camera : which takes it
+    camera : camera that takes it
     name, caption : name and caption of the picture as evidence
     lamp : None for the camera's ring
 
@@ -165,7 +165,7 @@ def found_in(picture: Grey, board: BoardSection, where: str) -> tuple[FoundBoard
     Parameters
     ----------
     picture : (height, width)
-    board : that should be in it
+    board : board expected in it
     where : the picture was taken, as a message begins
 
     Raises
@@ -192,7 +192,7 @@ async def lay(bench: Bench, file: Path, text: str, **place: Any) -> None:  # noq
     bench : bench of the step
     file : file of the board
     text : instruction for a person
-    place : where, as the order to an emulated cell has it
+    place : place, in the form of an order to an emulated cell
 
     Raises
     ------
@@ -227,8 +227,8 @@ async def go_to(
     Parameters
     ----------
     bench : bench of the step
-    scene : with what the arm carries
-    q : where to
+    scene : scene with the arm's load
+    q : target joints
     what : it goes there for, as a message begins
     from_below : counters rise at last; False: they fall; None: as it comes
 
@@ -249,7 +249,7 @@ class PlateInJaws:
     Parameters
     ----------
     bench : bench of the step
-    plate : as it is handed over
+    plate : nominal plate in the jaws
     file : file of its board
     """
 
@@ -348,12 +348,12 @@ class PlateInJaws:
 
         Parameters
         ----------
-        camera : that is to see it
+        camera : camera that must see it
         region : distance range from the camera
         count : enough of them
         rng : draws them
-        is_front : which face
-        margin_mm : to be kept from everything
+        is_front : face of the plate
+        margin_mm : distance to keep from everything
 
         Raises
         ------
@@ -379,8 +379,8 @@ class PlateInJaws:
 
         Parameters
         ----------
-        camera : that is to see it
-        q : (6,) where to
+        camera : camera that must see it
+        q : (6,) target joints
         name : name of the picture
         from_below : as `go_to`
 
@@ -406,7 +406,7 @@ class PlateInJaws:
 
         Parameters
         ----------
-        q : where to
+        q : target joints
         what : it goes there for, as a message begins
         from_below : as `go_to`
 

@@ -89,7 +89,7 @@ class Session:
     helper : does errands in an emulated cell; None if a person does
     show : takes a line for whoever watches
     build : returns the drivers, given cell, addresses and clock
-    callers : whose orders to stop the supervisor takes while the event loop is late
+    callers : callers whose stop orders the supervisor takes while the event loop is late
     """
 
     def __init__(

@@ -76,7 +76,7 @@ class VisitOrder:
 
     Attributes
     ----------
-    step : to run
+    step : step to run
     recipe : recipe for the journal, its name at least
     cell : as commissioned so far
     digest : digest of what the nominal cell file describes
@@ -118,7 +118,7 @@ class Visit:
     helper : does errands in an emulated cell; None if a person does
     evidence : keeps what is found
     build : returns the drivers, given cell, addresses and clock
-    callers : whose orders to stop the supervisor takes while the event loop is late
+    callers : callers whose stop orders the supervisor takes while the event loop is late
     """
 
     def __init__(

@@ -66,9 +66,9 @@ def recognise(job: Job, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[recogni
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     backlit : picture of the light table
-    lit : by lamp, pictures of the same
+    lit : pictures of the same by lamp
     """
     c = context(job)
     pictures = [lit[lamp] for lamp in TABLE_LAMPS if lamp in lit]
@@ -107,8 +107,8 @@ def plan(
 
     Parameters
     ----------
-    job : which recipe on which cell
-    start : where the part is
+    job : recipe and cell
+    start : present state of the part
     seen : (n,) bool, samples that need not be shown again
     avoid : ids of grasps that have failed
     alternatives : the other parts and poses that recognition has not excluded
@@ -147,7 +147,7 @@ def pickable(job: Job, sightings: tuple[SightingFields, ...]) -> tuple[Pickable,
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     sightings : all that is on the table
     """
     name, prepared = context(job).solid.name, _prepared(job)
@@ -186,7 +186,7 @@ def unseen_turns(
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     sightings : objects on the table
     """
     entries = {entry.name: entry for entry in context(job).library.entries}
@@ -203,8 +203,8 @@ def plan_to_trays(job: Job, start: Start, avoid: frozenset[str], around: Around 
 
     Parameters
     ----------
-    job : which recipe on which cell
-    start : where the part is
+    job : recipe and cell
+    start : present state of the part
     avoid : ids of grasps that have failed
     around : other objects in the cell
 
@@ -240,7 +240,7 @@ def identify(
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     ambiguity : the hypotheses, and the view that decides between them
     q : (6,) configuration of the arm
     opening_mm : opening of the arm gripper
@@ -261,7 +261,7 @@ def path_home(
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     q : (6,) configuration of the arm
     arm_opening_mm, fixed_opening_mm : openings of both grippers
     T_part_tcp : (4, 4) pose of a part that may still be in the arm gripper, or None
@@ -291,11 +291,11 @@ def homing_swept(
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     low, high : (6,) bounds of where the arm stands
-    arm_opening_mm : of the arm gripper on the part; None for an empty one, however wide
+    arm_opening_mm : opening of the arm gripper on the part; None for an empty one, however wide
     T_part_tcp : (4, 4) pose of a part in the arm gripper, or None
-    fixed_opening_mm : of the fixed gripper
+    fixed_opening_mm : opening of the fixed gripper
     T_part_fixed : (4, 4) T_part_tcp of a part in the fixed gripper, or None
     around : other objects in the cell
     """
@@ -330,10 +330,10 @@ def proven_back(
 
     Parameters
     ----------
-    job : which recipe on which cell
-    q : (6,) where the arm stands
-    q_begin : (6,) where its move began
-    arm_opening_mm, fixed_opening_mm : of the two grippers
+    job : recipe and cell
+    q : (6,) present joints of the arm
+    q_begin : (6,) joints at the start of its move
+    arm_opening_mm, fixed_opening_mm : openings of the two grippers
     T_part_tcp : (4, 4) pose of a part in the arm gripper, or None
     T_part_fixed : (4, 4) T_part_tcp of a part in the fixed gripper, or None
     around : other objects in the cell
@@ -403,7 +403,7 @@ def locate(
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     view_id : id of the view
     T_world_part : (4, 4) where the part should be
     holder : objects of the cell that may be in the picture
@@ -443,7 +443,7 @@ def inspect(
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     view_id : id of the view
     T_world_part : (4, 4) where the part should be
     holder : objects of the cell that may be in the picture
@@ -483,7 +483,7 @@ def inspect_on_table(
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     view_id : id of the view
     T_world_part : (4, 4) where the part is
     backlit, lit : pictures of the light table, and by lamp
@@ -526,7 +526,7 @@ def find_hold(
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     T_world_part : (4, 4) where it should be
     T_part_tcp : (4, 4) intended grasp
     holder : objects of the cell that may be in the picture
@@ -550,7 +550,7 @@ def judge_ahead(job: Job, set_path: Path, text: str, view_count: int) -> bool:
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     set_path : the file of the part's views, to be written
     text : state of the inspection so far, over all grasps that are over
     view_count : number of views planned
@@ -569,7 +569,7 @@ def judge(job: Job, set_path: Path) -> inspecting.PartInspection:
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     set_path : the file of its views
 
     Raises

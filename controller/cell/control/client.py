@@ -28,7 +28,7 @@ class NotServedError(ControlError):
 
     Attributes
     ----------
-    holder : which run, and whose
+    holder : run and its user
     """
 
     def __init__(self, message: str, holder: Holder) -> None:

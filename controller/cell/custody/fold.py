@@ -87,8 +87,8 @@ class CellIdentity:
     Attributes
     ----------
     name : name of the cell, as its file says
-    grippers : where each one is; for an emulated one, its emulator's process, with which it ends
-    emulated : those that the run's own emulator provides
+    grippers : address of each one; for an emulated one, its emulator's process, with which it ends
+    emulated : names of those that the run's own emulator provides
     """
 
     name: str
@@ -135,7 +135,7 @@ class Held:
 
     Attributes
     ----------
-    since : when that row was written, UTC
+    since : time of that row, UTC
     detail : detail of that row, or the action that was cut off
     """
 

@@ -121,7 +121,7 @@ def open_noted_journal(
     Parameters
     ----------
     path : path of the file
-    run : that is to write
+    run : run that is about to write
     began : the body of its first row; None for a command that has none
     stamps : the clocks that rows are stamped by
     may_begin_anew : a person vouches for the grippers. The journal then says first that what the
@@ -206,7 +206,7 @@ def after_known(began: RunBegan) -> RunBegan:
 
     Parameters
     ----------
-    began : as it is without
+    began : condition before it
 
     Raises
     ------

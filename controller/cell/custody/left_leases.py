@@ -18,7 +18,7 @@ class LeftLease:
     ----------
     resources : devices and spaces
     by : the action
-    run, since : whose, and since when [UTC]
+    run, since : run, and start of its lease [UTC]
     """
 
     resources: tuple[str, ...]

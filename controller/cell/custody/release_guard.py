@@ -39,7 +39,7 @@ class ReleaseGuard:
         Parameters
         ----------
         opening_mm : opening of the jaws
-        custody : where the part is now
+        custody : present custody of the part
         lets_go : the part is meant to stay where the jaws are: in its tray, on the table
 
         Raises
@@ -63,7 +63,7 @@ class ReleaseGuard:
         Parameters
         ----------
         opening_mm : opening of the jaws
-        custody : where the part is now
+        custody : present custody of the part
         gripped_mm : opening of the arm gripper since it closed on the part
 
         Raises

@@ -58,7 +58,7 @@ class Standing:
     Attributes
     ----------
     known : from the journals of all runs
-    openings : from the grippers themselves
+    openings : state read from the grippers themselves
     notice : fault found in the journal; empty if there was none
     leases : leases that the last run held when its controller died
     unknown : grippers that cannot be read, and of which no journal has recorded anything
@@ -174,8 +174,8 @@ class ReleaseVisit:
 
         Parameters
         ----------
-        gripper : which one to open
-        known : which grippers may hold it now
+        gripper : gripper to open
+        known : grippers that may hold it now
 
         Raises
         ------

@@ -22,7 +22,7 @@ class PartMayBeHeldError(CellError):
 
     Attributes
     ----------
-    custody : where the part is, as far as that is known
+    custody : custody of the part, as far as it is known
     """
 
     def __init__(self, message: str, custody: Custody) -> None:

@@ -32,8 +32,8 @@ class TrayRecord:
 
     Attributes
     ----------
-    nest_counts : of each tray whose parts are counted, by its name
-    stored : in the order in which they were put there
+    nest_counts : nests of each tray whose parts are counted, by name
+    stored : parts in the order of their placing
     """
 
     nest_counts: Mapping[str, int] = field(default_factory=dict)
@@ -81,7 +81,7 @@ def left_in_trays(journal: Path, run: str, began: rows.RunBegan) -> tuple[rows.S
 
     Parameters
     ----------
-    journal : that the runs wrote to
+    journal : journal of the runs
     run : the present one, whose own rows do not count
     began : its first row, which names the cell
 

@@ -101,7 +101,7 @@ def emulated_cell(command: Sequence[str], log_path: Path | None = None) -> Itera
     Parameters
     ----------
     command : as `emulator_command` returns it
-    log_path : where its messages are kept, None to quote the last one in an error and drop them
+    log_path : path of its log, None to quote the last message in an error and drop the others
 
     Raises
     ------

@@ -38,7 +38,7 @@ class Holder:
     Attributes
     ----------
     run : its name, or that of another command
-    user : whose process it is
+    user : user of the process
     host : the computer it is on
     pid : its process
     since : when it took the lock, UTC
@@ -114,7 +114,7 @@ def hold_cell(
     runs_dir : folder of the runs, which has one of the locks
     cell : its grippers' addresses name the other locks
     run_id : this run, named in the message to a run that is refused
-    control : where this run will serve its control socket
+    control : path of this run's control socket
 
     Raises
     ------

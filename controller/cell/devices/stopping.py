@@ -90,7 +90,7 @@ class Stopping:
 
         Raises
         ------
-        Exception : of the first device that does not confirm
+        Exception : error of the first device that does not confirm
         """
         stops: dict[str, Callable[[], Awaitable[object]]] = {}
         if is_arm:

@@ -22,7 +22,7 @@ def append_beside(path: Path, run: str, row: Body, part: int | None = None) -> i
     Parameters
     ----------
     path : path of the journal, which exists
-    run : that the row is about
+    run : run that the row is about
     row : content of the row
     part : number of the part it is about
 

@@ -45,7 +45,7 @@ def open_cell_journal(path: Path, run: str, stamps: Stamps = HOST_STAMPS) -> Cel
     Parameters
     ----------
     path : path of the file
-    run : that is to write
+    run : run that is about to write
     stamps : the clocks that rows are stamped by
 
     Raises

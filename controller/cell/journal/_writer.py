@@ -34,7 +34,7 @@ class Journal:
     Parameters
     ----------
     path : path of the file
-    run : that writes
+    run : run that writes
     stamps : the clocks that rows are stamped by
 
     Attributes

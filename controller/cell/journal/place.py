@@ -44,7 +44,7 @@ class FileSystem:
     ----------
     kind : its type, as the kernel names it
     source : source of the mount
-    at : where
+    at : mount point
     """
 
     kind: str

@@ -17,7 +17,7 @@ class Demotion:
 
     Attributes
     ----------
-    source : which
+    source : source to look up
     failure_count, use_count : number of failures among its last uses
     reason : reason of the latest failure
     """

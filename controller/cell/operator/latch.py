@@ -26,7 +26,7 @@ class Latch:
 
     Attributes
     ----------
-    run : in which it happened
+    run : run in which it happened
     code, message : alarm code and text
     since : when, UTC
     """

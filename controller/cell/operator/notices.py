@@ -23,7 +23,7 @@ class Notices:
     Parameters
     ----------
     command : program and arguments; empty for none
-    folder : in which it runs, that of the cell file
+    folder : working folder, that of the cell file
     facts : facts of the run, added to each alarm
     """
 

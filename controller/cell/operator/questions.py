@@ -56,7 +56,7 @@ def question_for(code: str, message: str, custody: str) -> Question:
     ----------
     code : code of the problem
     message : the problem, as the operator reads it
-    custody : which gripper, tray or table has the part, as far as it is known
+    custody : gripper, tray or table with the part, as far as it is known
     """
     choices: tuple[Choice, ...]
     if code in _ON_TABLE:

@@ -48,7 +48,7 @@ def beside_path(left: Interrupted, world: World, case: Case) -> Beside | None:
     Parameters
     ----------
     left : has the path that the arm was sent along last
-    world : where it stands, and how the grippers do
+    world : state of arm and grippers
     case : case found
     """
     if case.person or case.opens is not Opens.NONE or case.leaves is not Leaves.BY_TRAIL:

@@ -17,9 +17,9 @@ class Carried:
 
     Attributes
     ----------
-    arm_opening_mm : of the arm gripper; None if it is empty, however wide
+    arm_opening_mm : opening of the arm gripper; None if it is empty, however wide
     T_part_tcp : (4, 4) pose of a part in the arm gripper, or None
-    fixed_opening_mm : of the fixed gripper
+    fixed_opening_mm : opening of the fixed gripper
     T_part_fixed : (4, 4) pose of a part in the fixed gripper, T_part_tcp of that one, or None
     around : other objects in the cell
     """
@@ -50,7 +50,7 @@ def part_in_gripper(
     Parameters
     ----------
     left : state of the grippers with the part
-    custody : which of them has it
+    custody : gripper with the part
     """
     in_arm = left.arm_hold if custody is Custody.IN_ARM else None
     in_fixed = left.fixed_hold if custody is Custody.IN_FIXED else None

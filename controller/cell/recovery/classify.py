@@ -44,13 +44,13 @@ class Case:
 
     Attributes
     ----------
-    custody : where the part is
+    custody : custody of the part
     opens, leaves : actions required first
     holds_as_expected : the arm gripper holds it by the grasp that was expected, not by the last one
-    done : of the unresolved intent; None if there is none
+    done : outcome of the unresolved intent; None without one
     evidence : sentences
     person : reason why a person has to look; empty if the cell can go on
-    was : where the journal had the part last
+    was : last custody in the journal
     homes : the arm has to home first, with what its gripper holds
     is_fixed_unconfirmed : the fixed gripper stands on the part, and has to press once more first
     activates_fixed : the fixed gripper lost its power, empty, and has to be activated at the end

@@ -15,7 +15,7 @@ class TakenView:
     Attributes
     ----------
     row : of the view
-    sighting : where the part lay then, for a view of the table
+    sighting : pose of the part then, for a view of the table
     """
 
     row: rows.ViewPicturesTaken
@@ -28,12 +28,12 @@ class Interrupted:
 
     Attributes
     ----------
-    run, part : which run, and the number of the part in it
+    run, part : run, and the number of the part in it
     began : the run's first row
     custody, custody_detail, custody_before : by the last row on custody, and the one before it
     last_intent : the last of something that is never repeated without looking
     intent : the same, if no row on custody followed it
-    has_outcome : that intent's outcome was written
+    has_outcome : True if that intent's outcome was written
     hand_off : the last intent to close the fixed gripper on the part in the arm gripper
     arm_hold, expected_hold, fixed_hold : grasps of the part in the grippers, actual or expected
     trail : the way the arm came
@@ -46,7 +46,7 @@ class Interrupted:
     plan_count, hold_count, look_count : plans made, grasps taken, pictures of the table
     verdict : if the part was judged
     judged : rows of that judgement: its views, values and findings, in order
-    identified : which of the run's recipes it is of, and its number
+    identified : recipe of the run that it belongs to, and its number
     resumed : if that run had taken the part over from one before it
     serials : numbers of other parts of that run
     is_homed : positions meant something in that run
@@ -189,7 +189,7 @@ def fold_interrupted(found: Iterable[Row], run: str, part: int) -> Interrupted |
     Parameters
     ----------
     found : rows of a journal, in order; those of other runs and parts are skipped
-    run, part : which part of which run
+    run, part : run and part
 
     Raises
     ------

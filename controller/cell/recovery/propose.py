@@ -55,9 +55,9 @@ class Proposal:
     ----------
     left : state according to the journal
     case : case found
-    q : (6,) where the arm stands; empty if that is not known
-    leaving : by which the arm leaves; None if the case calls for a person
-    custody : where the part is once the arm has left
+    q : (6,) present joints of the arm; empty if unknown
+    leaving : path by which the arm leaves; None if the case calls for a person
+    custody : custody of the part once the arm has left
     steps : in words, in order
     first_motion : the first motion of the arm, in words
     is_proven : the cell may go on by itself
@@ -117,7 +117,7 @@ def propose(
     ----------
     left : state according to the journal
     world : state according to the devices
-    layout : for the preview of the first motion
+    layout : layout for the preview of the first motion
     swept : the space that homing would sweep, where that was looked at
     back : the move back to its path of an arm that `beside_path` finds, where that was looked at
     """

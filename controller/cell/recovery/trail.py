@@ -54,9 +54,9 @@ class Trail:
     behind : waypoints (6,) that the arm has passed, in order
     is_free : it stood free of everything at the first of them
     ahead : the waypoints that it was sent along last
-    is_back : those lead back over `behind`
-    retreat : of the last intent, by which the arm leaves once that is done; not begun yet
-    has_arrived : at the end of the path that it was sent along last
+    is_back : mask of the points that lead back over `behind`
+    retreat : retreat of the last intent, by which the arm leaves afterwards; not begun yet
+    has_arrived : True at the end of the path that it was sent along last
     """
 
     behind: list[FloatArray] = field(default_factory=list)
@@ -110,7 +110,7 @@ class Trail:
 
         Parameters
         ----------
-        q : (6,) where the arm stands
+        q : (6,) present joints of the arm
         """
         points = list(self.between)
         found = _segment_of(points, q) if points else None
@@ -124,7 +124,7 @@ class Trail:
 
         Parameters
         ----------
-        q : (6,) where the arm stands
+        q : (6,) present joints of the arm
         proven : waypoints (6,) from there to `begin_beside`, proven free of contact
         """
         points = list(self.between)

@@ -33,7 +33,7 @@ class World:
 
     Attributes
     ----------
-    q : (6,) where the arm stands, None if its positions are not known
+    q : (6,) joints of the arm, None if its positions are unknown
     positions : reason why they are known, or unknown
     arm_mm : opening of the arm gripper, None if unknown
     is_arm_pressing : its jaws have stalled and press
@@ -41,7 +41,7 @@ class World:
     does_fixed_touch : something stopped its jaws
     is_fixed_ready : it is active and has no fault
     barrier : the light barrier between its jaws
-    q_kept : (6,) where `q` is None, the joints that counters still prove, the others NaN
+    q_kept : (6,) if `q` is None, the joints that counters still prove, the others NaN
     is_fixed_active : it was activated, and has had power since
     """
 
@@ -73,7 +73,7 @@ class World:
 
         Parameters
         ----------
-        on_part_mm : where it held the part, None if that is not known
+        on_part_mm : opening on the part, None if unknown
         """
         stands = judge_jaws(self.fixed_mm, on_part_mm) is Jaws.ON_PART
         sees = self.barrier is Signal.OK
@@ -99,8 +99,8 @@ def judge_jaws(opening_mm: float | None, on_part_mm: float | None) -> Jaws:
 
     Parameters
     ----------
-    opening_mm : as read, None if that means nothing
-    on_part_mm : where they hold the part, None if that is not known
+    opening_mm : opening as read, None if it is invalid
+    on_part_mm : opening on the part, None if unknown
     """
     if opening_mm is None or on_part_mm is None:
         return Jaws.UNKNOWN

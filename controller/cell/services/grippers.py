@@ -39,7 +39,7 @@ class Grippers:
     gate : holds a pause, and requires the permit to move
     interlocks : admit each motion of jaws
     retries : retries of a reading that does not come
-    setting_per_n : of the arm gripper's force setting for each N of the recipe
+    setting_per_n : slope of the arm gripper's force setting for each N of the recipe
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Grippers:
         Parameters
         ----------
         opening_mm : opening of the jaws
-        retreat : by which the arm leaves then, for the journal
+        retreat : retreat of the arm afterwards, for the journal
 
         Raises
         ------
@@ -121,7 +121,7 @@ class Grippers:
         ----------
         intent : intent written before the motion
         opening_mm : opening of the jaws
-        retreat : by which the arm leaves then, for the journal
+        retreat : retreat of the arm afterwards, for the journal
         """
         more = {"open_mm": opening_mm, "retreat": rounded(retreat)}
         words = "the arm gripper lets go of the part, where it is to stay"
@@ -164,7 +164,7 @@ class Grippers:
         Parameters
         ----------
         opening_mm : opening of the jaws
-        retreat : by which the arm leaves with the part then, for the journal
+        retreat : retreat of the arm with the part afterwards, for the journal
 
         Raises
         ------
@@ -184,7 +184,7 @@ class Grippers:
         ----------
         action : off the table, or out of the fixed gripper
         expected_mm : the opening the plan expects
-        retreat : by which the arm leaves with the part then, for the journal
+        retreat : retreat of the arm with the part afterwards, for the journal
         """
         intent = Intent(name=action, expected_mm=expected_mm, retreat=rounded(retreat))
         words = f"the arm gripper closes on the part: {expected_mm:.0f} mm expected"

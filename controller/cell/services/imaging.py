@@ -58,8 +58,8 @@ class Imaging:
 
         Parameters
         ----------
-        camera : which
-        lamps : by name, how bright, 0..1; all others are dark
+        camera : camera to use
+        lamps : levels of the lamps by name, 0..1; all others are dark
 
         Raises
         ------
@@ -114,7 +114,7 @@ class Imaging:
 
         Parameters
         ----------
-        part_number : whose picture
+        part_number : number of the part in the picture
         name : subject of the picture
         image : (height, width)
 

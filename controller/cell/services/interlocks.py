@@ -44,9 +44,9 @@ class Interlocks:
 
     Parameters
     ----------
-    io : where the signals are read
+    io : I/O block with the signals
     fixed : is asked what it stands on before the arm comes near
-    layout : where the fixed gripper stands
+    layout : layout with the pose of the fixed gripper
     custody : returns which gripper, tray or table has the part
     retries : retries of a reading that does not come
     rules : rules of the cell

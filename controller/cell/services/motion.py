@@ -115,7 +115,7 @@ class Motion:
         Parameters
         ----------
         row : for the journal, before anything moves
-        q_estimate : (6,) where the arm stands, about
+        q_estimate : (6,) approximate joints of the arm
 
         Raises
         ------

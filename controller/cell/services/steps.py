@@ -98,7 +98,7 @@ class PlanSteps:
 
         Parameters
         ----------
-        step : which
+        step : step to describe
         started_s : when it began, as `begin` returned it [cell s]
         more : further fields of its row
         """

@@ -23,7 +23,7 @@ class PlayedCamera:
 
     Parameters
     ----------
-    tape : that it is on
+    tape : tape with its rows
     wire : its name
     fd : the number by which the loop knows it
     """
@@ -134,7 +134,7 @@ class AtOnce(Executor):
         Parameters
         ----------
         fn : function to call
-        *args, **kwargs : with what
+        *args, **kwargs : arguments of the call
         """
         done: Future[Result] = Future()
         try:

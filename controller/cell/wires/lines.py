@@ -34,7 +34,7 @@ class Difference:
 
     Attributes
     ----------
-    wire : on which it was sent
+    wire : wire on which it was sent
     at_s : instant of the recorded one, on its cell's clock [s]
     recorded, sent : their bytes; None if there was no further request
     recorded_words, sent_words : purpose of the bytes recorded, and of those sent
@@ -64,7 +64,7 @@ class Tape:
     Parameters
     ----------
     reader : reader of the file
-    loop : on whose time it is played
+    loop : loop on whose time it is played
     speed : cell seconds per second of the loop
 
     Attributes
@@ -115,8 +115,8 @@ class Tape:
 
         Parameters
         ----------
-        wire : on which it is
-        row : of the recorded request; None if there is none
+        wire : wire on which it is
+        row : recorded request; None if there is none
         recorded, sent : bytes
         words : words recorded, and those found instead
 
@@ -152,7 +152,7 @@ class PlayedLine:
 
     Parameters
     ----------
-    tape : that it is on
+    tape : tape with its rows
     wire : its name
     """
 

@@ -37,7 +37,8 @@ class WireLoop(VirtualTimeLoop):
     ----------
     ports : targets of `create_connection`, by host and port
     threads : does what is given to threads; None does it at once
-    sources : when a descriptor that is no file's will be readable next [s], None for never
+    sources : next instant at which a descriptor that is no file's will be readable [s], None for
+        never
     """
 
     def __init__(self, start_s: float) -> None:

@@ -122,7 +122,7 @@ def replay_wires(
     Parameters
     ----------
     reader : reader of the recording
-    recipe_path, cell_path : to run with
+    recipe_path, cell_path : recipe and cell file of the run
     pool : the worker process
 
     Raises
@@ -293,7 +293,7 @@ class _Answers(Executor):
 
     Parameters
     ----------
-    tape : of the recording
+    tape : tape of the recording
     pool : works
     wire : name of the wire in the recording
     """

@@ -21,7 +21,7 @@ def acknowledge_stop(cell_file: Path, runs_dir: Path, who: str, why: str, *, as_
     ----------
     cell_file : cell file
     runs_dir : folder of all runs and of the journal
-    who : beside the user's name
+    who : name beside the user's name
     why : the reason; not empty
     as_json : print one JSON object instead of a sentence
 

@@ -36,8 +36,8 @@ async def take_pictures(
     ----------
     devices : cameras and lamps are connected
     clock : clock of the cell
-    folder : for the pictures; is there
-    seconds : for how long it goes on; each picture is taken once at least
+    folder : folder for the pictures; exists
+    seconds : duration; each picture is taken once at least
     on_picture : called with camera, lamp and file of each picture
 
     Raises

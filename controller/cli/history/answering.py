@@ -71,9 +71,9 @@ def answer(
     Parameters
     ----------
     part : serial number or RUN/NUMBER; None for a list
-    asked : which parts to list
+    asked : parts to list
     limit : largest number
-    file : to export to; None to print
+    file : file to export to; None to print
     runs_dir : folder of all runs
     url : URL of the store; None for the folder's own
     anew : fill it from the journals' first row on

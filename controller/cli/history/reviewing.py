@@ -65,7 +65,7 @@ def review_parts(
     Parameters
     ----------
     order : order to carry out
-    asked : which parts to list
+    asked : parts to list
     limit : largest number
     runs_dir : folder of all runs
     url : URL of the store; None for the folder's own

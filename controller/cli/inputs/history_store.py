@@ -52,7 +52,7 @@ def instant(text: str, option: str, *, is_end: bool = False) -> datetime:
     Parameters
     ----------
     text : without a zone it is UTC
-    option : that it was given by, for the message
+    option : option by which it was given, for the message
     is_end : a date alone means the end of that day
 
     Raises

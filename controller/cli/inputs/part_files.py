@@ -106,7 +106,7 @@ def emulated_orientation(parts: Sequence[CompiledPart], pose: int | None) -> Flo
 
     Parameters
     ----------
-    parts : on the emulated table, the one that ``--pose`` is for first
+    parts : parts on the emulated table, starting with the one for ``--pose``
     pose : index of its stable pose; None leaves it to the emulator's seed
 
     Raises
@@ -141,7 +141,7 @@ def cell_of_this_folder() -> Path:
 
     Raises
     ------
-    ConfigError : that recipe is wrong
+    ConfigError : the recipe is wrong
     """
     recipe = project_recipe()
     return EMULATED_CELL if recipe is None else load_recipe(recipe).cell

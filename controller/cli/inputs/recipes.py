@@ -56,7 +56,7 @@ def ordered_recipes(
     Parameters
     ----------
     asked : as the command line names them
-    count : of each that names none; None for the recipe's own
+    count : number of parts of each that names none; None for the recipe's own
 
     Raises
     ------

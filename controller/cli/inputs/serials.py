@@ -48,7 +48,7 @@ def papers_of(
     options : options of the command line
     papers : without numbers
     listed : the list of parts, None without one
-    recipe_count, part_count : of the run
+    recipe_count, part_count : numbers of recipes and parts of the run
     runs_dir : folder of all runs, whose journal names the numbers that parts have
 
     Raises

@@ -50,7 +50,7 @@ def replay_run(runs_dir: Path, run: str | None, recipe_path: Path | None, *, as_
     ----------
     runs_dir : folder of all runs
     run : id, the beginning of an id, or folder of the run; None for the newest
-    recipe_path : to judge by, None for the run's own
+    recipe_path : recipe to judge by, None for the run's own
     as_json : print JSON lines instead of sentences
 
     Returns
@@ -177,7 +177,7 @@ def _turned(what: str, before: Items, after: Items, keys: tuple[str, ...]) -> It
     ----------
     what : kind of the items
     before, after : by name, with a verdict each
-    keys : that are printed with a change
+    keys : keys printed with a change
     """
     for name in dict.fromkeys([*before, *after]):
         old, new = before.get(name), after.get(name)

@@ -54,7 +54,7 @@ class BodyFiles:
         Parameters
         ----------
         one, part : the body, and what follows from it
-        seconds : that compiling took
+        seconds : time of compiling
         """
         solid, count = part.solid, len(part.poses)
         poses = f"{count} stable pose{'' if count == 1 else 's'}"

@@ -57,7 +57,7 @@ def compile_parts(
     ----------
     files : CAD files, with the recipe of each
     all_bodies : compile each distinct body of them, and print a table
-    density_g_cm3 : of all parts; None for the recipe's, else the file's, else aluminium's
+    density_g_cm3 : density of all parts; None for the recipe's, else the file's, else aluminium's
     report : HTML page to write, None for none
     drawings : folder for the mesh and a picture of each pose, None for none
     cell : cell file, to report grasps and a plan for each stable pose as well; None for neither

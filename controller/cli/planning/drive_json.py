@@ -38,8 +38,8 @@ class Deeds:
     Parameters
     ----------
     layout : the cell
-    q : (6,) where the arm stands at first
-    custody : where the part is at first
+    q : (6,) first joints of the arm
+    custody : first custody of the part
     """
 
     def __init__(
@@ -196,7 +196,7 @@ def trays_json(plan: Plan, deeds: Deeds) -> dict[str, Any]:
     Parameters
     ----------
     plan : the plan
-    deeds : at the end of the plan's steps
+    deeds : actions at the end of the plan's steps
     """
     found = {}
     for tray, place in plan.place.items():

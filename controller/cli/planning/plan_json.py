@@ -45,7 +45,7 @@ def plan_json(
     samples : its surface samples; their areas are the weights of coverage
     layout : the cell that was planned in
     plan : the plan
-    not_inspected : by face id, why the recipe leaves it out
+    not_inspected : reason of the recipe for leaving a face out, by face id
     """
     weights = samples.areas_mm2 / samples.areas_mm2.sum()
     seen = np.zeros(len(weights), dtype=bool)

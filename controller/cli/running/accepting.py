@@ -35,7 +35,7 @@ class AcceptingOperator:
 
     Attributes
     ----------
-    why : as they state it
+    why : reason as stated by the person
     """
 
     why: str

@@ -31,7 +31,7 @@ class OperatorDoor:
 
     Attributes
     ----------
-    desk : where questions are put
+    desk : desk for questions
     callers : callers of the control socket, while it is served
     """
 

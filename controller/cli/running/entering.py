@@ -82,9 +82,9 @@ def check_entering(options: EmulatedOptions, cell: Cell, folder: Path, folder_op
     Parameters
     ----------
     options : options of the command line
-    cell : that is to be entered
+    cell : cell to enter
     folder : folder of the journal
-    folder_option : by which it was given
+    folder_option : option by which it was given
 
     Raises
     ------
@@ -126,7 +126,7 @@ def entered(
     options : options of the command line
     cell_path, cell : its file, and what it describes
     folder : folder of the journal
-    run_name : for whoever is refused the lock meanwhile
+    run_name : name for a caller who is refused the lock meanwhile
 
     Raises
     ------

@@ -87,7 +87,7 @@ class RunOptions:
     is_recovery_automatic : a part that an earlier run left goes on where that is proven safe
     operator : decides on that in advance, None for whoever is there
     papers : operator, serials and lots
-    serials : where serial numbers come from
+    serials : source of serial numbers
     listed : the list of parts that the recipes are of, None without one
     waits : wait for an answer where a person has to decide, also without a terminal
     are_trays_empty : the operator states that nothing stands in the trays
@@ -192,7 +192,7 @@ def _asked(options: RunOptions) -> _Asked:
 
     Raises
     ------
-    ConfigError : as `run_recipe`
+    ConfigError : as in `run_recipe`
     """
     ordered = ordered_recipes(options.recipes, options.count)
     cell_file = cell_of(ordered, options.cell_path)

@@ -86,7 +86,7 @@ def note_report(runs_dir: Path, run_id: str, file: Path) -> None:
 
     Parameters
     ----------
-    runs_dir, run_id : of the run
+    runs_dir, run_id : folder of runs, and id of the run
     file : the report, just written
     """
     try:

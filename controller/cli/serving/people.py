@@ -15,7 +15,7 @@ def change_accounts(name: str | None, role: str | None, *, is_removed: bool, as_
     Parameters
     ----------
     name : name of the account, None for all
-    role : which it gets, None to leave it
+    role : role to give, None to keep it
     is_removed : remove it
     as_json : print one JSON object for each account that is there then
 

@@ -30,7 +30,7 @@ def serve_page(
     ----------
     runs_dir : folder of all runs
     project_dir : folder of recipes and cell file
-    host, port : where to listen
+    host, port : address to listen on
     tls : files of certificate and key
     behind : origin under which a reverse proxy serves it
     proxies : addresses of that proxy

@@ -27,7 +27,7 @@ def report_agreement(runs_dir: Path, url: str | None, chosen: Chosen, *, as_json
     ----------
     runs_dir : folder of all runs
     url : URL of the store; None for the folder's own
-    chosen : which parts
+    chosen : parts to count
     as_json : print JSON lines instead of tables
 
     Raises

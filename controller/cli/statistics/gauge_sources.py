@@ -40,7 +40,7 @@ class Sources:
     Attributes
     ----------
     readings : in the order given
-    inputs : of each reading its source, groups and hashes, for the evidence
+    inputs : source, groups and hashes of each reading, for the evidence
     part, cad_sha256 : the product
     remarks : assumptions made, as sentences
     """

@@ -37,7 +37,7 @@ def report_takt(runs_dir: Path, chosen: Chosen, by: str, *, as_json: bool) -> in
     Parameters
     ----------
     runs_dir : folder of all runs
-    chosen : which parts
+    chosen : parts to count
     by : definition of a group
     as_json : print JSON lines instead of a table
 

@@ -68,7 +68,7 @@ def report_yields(
     ----------
     runs_dir : folder of all runs
     url : URL of the store; None for the folder's own
-    chosen : which parts
+    chosen : parts to count
     by : definition of a group
     report : a page, which only the statistics of a recipe have
     as_json : print JSON lines instead of tables

@@ -37,7 +37,7 @@ def refine_corners(
     Parameters
     ----------
     grey : (height, width)
-    pixels : (n, 2) where the corners are, to about a pixel
+    pixels : (n, 2) approximate positions of the corners, to about a pixel
     axes_px : (n, 2, 2) the board's X and Y at each corner, one square long [px], as rows
     marker_gap : the white border's share of a square, if markers fill the white squares
     """

@@ -41,8 +41,8 @@ def likeliest(
     views : boards found, one for each picture
     everything, loose : the fit with all PARAMETERS free, and its spread
     size_px : (width, height) size of the pictures
-    world : which flat view fixes the world's frame
-    weights : of each view (n,), one over the standard deviation of a corner; 0 leaves it out
+    world : flat view that fixes the world's frame
+    weights : (n,) weight of each view, one over the standard deviation of a corner; 0 leaves it out
 
     Raises
     ------

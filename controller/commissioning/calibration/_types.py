@@ -181,7 +181,7 @@ class Calibration:
     noise_px : standard deviation of a corner's u or v
     coverage : share of the picture within the hull of all corners
     condition : condition number of the scaled Jacobian
-    focal_height_correlation : of fx and the distance along the optical axis
+    focal_height_correlation : correlation of fx and the distance along the optical axis
     """
 
     camera: Camera

@@ -92,7 +92,7 @@ def start(
     ----------
     views : boards found, the one that fixes the world among them
     size_px : (width, height) size of the pictures
-    world : which flat view fixes the world's frame, and where its board lies there
+    world : flat view that fixes the world's frame, and the pose of its board there
 
     Raises
     ------
@@ -149,7 +149,7 @@ def solve(
     views : boards found, one for each picture
     first : of `start`, or of another fit
     free : the intrinsics to be found; the others are 0
-    world : which flat view fixes the world's frame
+    world : flat view that fixes the world's frame
     weights : per view (n,), one over the standard deviation of a corner; 0 leaves it out
     """
     held = np.array([name not in free for name in PARAMETERS])

@@ -60,7 +60,7 @@ class FingerRays:
     Attributes
     ----------
     points_mm : (n, 3) on the edges, in the TCP's frame
-    side : (n,) of which finger, -1 or 1
+    side : (n,) finger, -1 or 1
     origins_px, directions : (n, 2) origins and directions of rays across the edges, out of the
         finger
     """
@@ -80,7 +80,7 @@ class FingerLook:
     q : (6,) joints, as the counters had them
     opening_mm : as the counter had it
     rays : across the expected edges
-    offset_px, sigma_px : (n,) where the edges are along the rays, NaN where there is none
+    offset_px, sigma_px : (n,) positions of the edges along the rays, NaN where there is none
     """
 
     q: FloatArray

@@ -42,7 +42,7 @@ class Touch:
     T_world_tcp : (4, 4) pose of the arm at the contact
     opening_mm : opening of its jaws when they stopped
     pad : pad of its fingers that touched, 1 or -1 along the arm's y
-    face : of the plate that was touched, 1 or -1 along the fixed gripper's y
+    face : touched face of the plate, 1 or -1 along the fixed gripper's y
     """
 
     name: str
@@ -58,11 +58,11 @@ class TouchNoise:
 
     Attributes
     ----------
-    touch_mm : of one touch by itself at the most: counts, the contact, what gives in. How far the
-        touches are from the faces takes its place, down to `least_mm`
-    least_mm : of one touch at the least
+    touch_mm : largest error of one touch by itself: counts, contact, compliance. The distance of
+        the touches from the faces replaces it, down to `least_mm`
+    least_mm : smallest error of one touch
     opening_mm : opening of all openings together, after the arm's calibration
-    arm_mm, arm_rad : of where the arm is, alike in all touches
+    arm_mm, arm_rad : error of the arm's pose, common to all touches
     """
 
     touch_mm: float
@@ -83,8 +83,8 @@ class FixedGripperFit:
     u_mm, u_rad : standard uncertainty of the jaws' plane at the TCP, along its normal; half the
         angle that holds 95 % of its tilt
     observed, held : its freedoms by name, in its own frame
-    opening_off_mm : by how much the arm's jaws are wider open than they read
-    rms_mm : of the touches from the plate's faces
+    opening_off_mm : excess of the arm's opening over its reading
+    rms_mm : rms distance of the touches from the plate's faces
     """
 
     T_world_tcp: FloatArray

@@ -30,12 +30,12 @@ class BoardPicture:
     Attributes
     ----------
     name : name of the picture
-    camera : which camera took it
-    face : which printed pattern it shows
+    camera : camera of the picture
+    face : printed pattern that it shows
     board : its corners
     held_as : the grasp that held it, or the placing on the table it lay in
     q : (6,) joints as the counters had them; None for a board on the table
-    taken_s : when, in seconds of any clock; orders the pictures
+    taken_s : time of the picture on any clock [s]; orders the pictures
     """
 
     name: str
@@ -106,7 +106,7 @@ class Face:
 
     Attributes
     ----------
-    T_body_board : (4, 4) where the plate has it
+    T_body_board : (4, 4) pose of the board on the plate
     pose_mm, pose_rad : standard deviations of that pose; 0 holds it
     scale : relative standard deviation of its size
     """
@@ -143,7 +143,8 @@ class Grasp:
     Attributes
     ----------
     T_tcp_body : (4, 4) roughly
-    std : (6,) of its rotation [rad], then translation [mm], about and along the TCP's axes
+    std : (6,) standard deviations of its rotation [rad], then translation [mm], about and along the
+        TCP's axes
     """
 
     T_tcp_body: FloatArray
@@ -159,9 +160,9 @@ class CellPrior:
     cameras, faces, placings, grasps : by name
     arm : its kinematics
     T_world_arm : (4, 4) nominal
-    base_std : (6,) of its rotation [rad], then translation [mm]
-    joint_std : (6,) by how much a joint at rest is off its counter, by chance and in each picture
-        anew; the pictures decide on a common factor
+    base_std : (6,) standard deviations of its rotation [rad], then translation [mm]
+    joint_std : (6,) random difference of a joint at rest from its counter, new in each picture; the
+        pictures decide on a common factor
     """
 
     cameras: Mapping[str, CameraPrior]

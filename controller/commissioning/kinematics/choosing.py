@@ -62,7 +62,7 @@ def predicted_picture(
     Parameters
     ----------
     layout, x : the cell as it is known
-    candidate : where the arm is to be
+    candidate : pose of the arm
     corners_mm : (n, 2) corners of the print
     name : name of the picture
     """

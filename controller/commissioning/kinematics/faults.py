@@ -56,7 +56,7 @@ class Fault:
     Attributes
     ----------
     kind : board_scaled, board_file, camera_moved, plate_slipped, backlash, out_of_bounds, picture
-    subject : which board, camera, motor, unknown or picture
+    subject : board, camera, motor, unknown or picture concerned
     message : fault, amount, limit, and what to do
     """
 
@@ -94,8 +94,8 @@ class BoardAgain:
 
     Attributes
     ----------
-    moved_mm, turned_rad : of the print, on the table
-    grown : of its size, as a share
+    moved_mm, turned_rad : shift and turn of the print on the table
+    grown : growth of its size, as a share
     fault : the camera was moved, None if neither is more than pins explain
     """
 
@@ -117,8 +117,8 @@ def board_again(
 
     Parameters
     ----------
-    camera : about where it stands
-    name : of it, for the message
+    camera : rough pose of the camera
+    name : name for the message
     first, again : the board in both pictures
     height_mm : height of its print over the table
     limits : limits that a good cell stays below
@@ -332,7 +332,7 @@ def _helped(
     Parameters
     ----------
     fit, pictures : as calibrated
-    own : which pictures
+    own : indices of the pictures
     columns : the unknowns that would change
     """
     layout = fit.layout

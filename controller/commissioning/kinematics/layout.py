@@ -117,7 +117,7 @@ class Layout:
         ----------
         x : (m,) unknowns
         camera : its name
-        taken_s : when; before any bump by default
+        taken_s : time; before any bump by default
         """
         fx, fy, cx, cy, *distortion = self.lens(x, camera)
         K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])

@@ -134,7 +134,7 @@ def measure_homing(
     ----------
     layout, x : the cell as it is known, roughly is enough
     stops : the same stops after each homing, all gone to in the same way
-    homings : (n,) after which homing each picture was taken
+    homings : (n,) number of the homing before each picture
 
     Raises
     ------

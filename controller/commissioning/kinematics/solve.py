@@ -46,8 +46,8 @@ class PictureFit:
     Attributes
     ----------
     is_held : whether it shows the plate in the gripper
-    used_count, outlier_count : of its corners
-    rms_px : of the distance of its used corners from their prediction
+    used_count, outlier_count : numbers of its corners used and left out
+    rms_px : rms distance of its used corners from their prediction
     own_rms_px : the same once its board may be anywhere: what the board itself does not explain
     off_sigma : distance of its board from the pose in the cell file, in standard deviations of six
         degrees of freedom; about 1 where all is well
@@ -73,7 +73,7 @@ class CellFit:
     x, cov : (m,) and (m, m) the unknowns less their priors, and their covariance
     noise_px : standard deviation of a corner's u or v
     joint_std : (6,) of the joints from stop to stop [rad, mm]
-    used : which corners of each picture were used
+    used : masks of the corners used in each picture
     misfit : minus twice the logarithm of how likely the pictures are; less is better, by the same
         pictures
     """

@@ -16,7 +16,7 @@ def evenness(lit: Grey, dark: Grey, inside: BoolArray) -> float:
     Parameters
     ----------
     lit, dark : (height, width) with the panel on, and with all lamps off
-    inside : (height, width) where the panel is seen
+    inside : (height, width) mask of the visible panel
 
     Raises
     ------

@@ -44,7 +44,7 @@ class Surface:
     Attributes
     ----------
     name : name of the camera
-    camera : about where it stands
+    camera : rough pose of the camera
     point_mm, normal : (3,) a point of the surface in the world, and its direction
     """
 

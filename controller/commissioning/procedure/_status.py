@@ -27,7 +27,7 @@ class StepPlan:
     ----------
     name : name of the step
     needs : the steps that have to be done before it
-    valid_days : after which it is stale; None for never
+    valid_days : days until it is stale; None for never
     """
 
     name: str

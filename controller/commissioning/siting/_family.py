@@ -64,7 +64,7 @@ class FamilyMember:
     bits : the same packed eight samples to a byte
     T_view, inside : (v, r, 4, 4), (v, r) of `views.view_poses` in the cell as given
     start_poses : stable poses from which some grasp picks, wherever things stand
-    from_pose : (p, 2 base_count) which grasps clear the table in each, from above
+    from_pose : (p, 2 base_count) mask of the grasps that clear the table in each, from above
     probabilities : (p,) probabilities of these poses; their sum is 1
     completes : (base_count, base_count) the second grasp shows what the first one hides
     radius_mm : radius of the ball about the centre of mass that contains the part

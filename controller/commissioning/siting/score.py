@@ -57,10 +57,9 @@ class PartScore:
     shown_worst : in the worst of these poses
     joints_allow : by kinematics alone at this site, as if every grasp were reachable
     views_share : reachable share of the (grasp, direction) pairs that show anything
-    partners_share : of the grasps that pick the part up and have partners that show what they hide,
-        the share from which one hand-off leads to such a partner
-    hand_offs_share : of all pairs of grasps that complete each other, the share that one hand-off
-        joins
+    partners_share : share of the grasps that pick the part up and have partners for their hidden
+        surface, from which one hand-off leads to such a partner
+    hand_offs_share : share of all pairs of complementary grasps that one hand-off joins
     picks_share : share of the planar poses tried on the table from which some grasp picks it up
     view_s, regrasp_s : seconds of the views that show all, and of the regrasp between (estimates);
         NaN if there is no view, or no regrasp

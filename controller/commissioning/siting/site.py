@@ -108,7 +108,7 @@ def camera_frame(station_mm: FloatArray, towards: FloatArray, distance_mm: float
     ----------
     station_mm : (3,) in the world
     towards : (3,) unit, from the station to the camera
-    distance_mm : between them
+    distance_mm : distance between them
     """
     z = -np.asarray(towards, dtype=float)
     up = np.array([0.0, 0.0, 1.0])
@@ -144,7 +144,7 @@ def placed_at(layout: CellLayout, site: CellSite, fellows: Fellows | None = None
     Parameters
     ----------
     layout : the cell as it stands; not changed
-    site : where to move them; without a pose for the fixed gripper, that gripper stays
+    site : target site; without a pose for the fixed gripper, that gripper stays
     fellows : obstacles that move along; None for those that `fellows_of` finds
     """
     fellows = fellows or fellows_of(layout)

@@ -51,7 +51,7 @@ def read_calibrations(
 
     Raises
     ------
-    ConfigError : as `read_calibration`, or a file is not the one that the cell file refers to
+    ConfigError : as in `read_calibration`, or a file is not the one that the cell file refers to
     """
     found: dict[CalibrationName, Calibration] = {}
     for name, reference in references.items():

@@ -49,12 +49,12 @@ class Calibration(Section):
 
     Attributes
     ----------
-    measured : when, with its offset from UTC
+    measured : date and time with its offset from UTC
     by : name of the person
-    software : that found it
+    software : software that measured it
     cell : name of the cell
     evidence : folder with pictures and figures, from the folder of the cell file
-    valid_days, valid_runs : after which it is stale; None for never
+    valid_days, valid_runs : limits after which it is stale; None for never
     residual : residual of the fit
     based_on : calibrations that went into this one, by the hash of their file
     """
@@ -90,7 +90,7 @@ class CameraCalibration(Calibration):
     K : pixels
     distortion : OpenCV's k1 k2 p1 p2 k3
     blur_px : standard deviation of an edge's blur
-    gain : in the driver's own steps; None if the camera has no such control
+    gain : gain in the driver's own steps; None if the camera has no such control
     """
 
     kind: Literal["camera"] = "camera"
@@ -131,11 +131,11 @@ class ArmCalibration(Calibration):
     Attributes
     ----------
     T_world_arm : pose of its base
-    tool_off_mm : of the TCP from the approach axis, along the jaws' axis and across
-    zero_deg : of joints that are approached with every motor from below
+    tool_off_mm : offset of the TCP from the approach axis, along the jaws' axis and across
+    zero_deg : zeros of joints that are approached with every motor from below
     zed_zero_mm : height of zed where its counter means 0
     yaw_per_elbow : heading that a turn of the elbow adds to the nominal half of it
-    sag_mm : by how much the stretched arm hangs lower
+    sag_mm : sag of the stretched arm
     jaw_zero_mm : opening of the jaws where their counter means 0
     play_deg : play of the gears of each motor, from one flank to the other
     repeatability_mm : repeatability of the TCP, from homing to homing
@@ -174,10 +174,10 @@ class FixedGripperCalibration(Calibration):
     Attributes
     ----------
     opening_zero_mm, opening_scale : the jaws are ``zero + scale * reported`` apart
-    u_mm, u_deg : of the plane between its jaws: along its normal, and of its tilt
+    u_mm, u_deg : uncertainty of the plane between its jaws: along its normal, and of its tilt
     observed, held : freedoms that touches decided, about and along its own axes, and the others
-    held_mm, held_deg : by how much its pose may be off along and about the others, at most; by
-        themselves, what the first touches of the step `grippers` are safe with
+    held_mm, held_deg : largest errors of its pose along and about the other axes; alone, the limits
+        within which the first touches of the step `grippers` are safe
     """
 
     kind: Literal["fixed_gripper"] = "fixed_gripper"
@@ -213,7 +213,7 @@ class LampCalibration(Section):
     analog, relay : its channels, as found by switching them
     level : its light as a share of the nominal one, at full drive
     drive : share of its full dimming that it is used with, so that no picture saturates
-    settle_s : from the order until its light is steady
+    settle_s : time from the order until its light is steady
     uniformity : least light as a share of the most, over what it lights
     """
 

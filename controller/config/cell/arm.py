@@ -83,10 +83,10 @@ class CorrectionsSection(Section):
 
     Attributes
     ----------
-    tool_off_mm : of the TCP from the approach axis, along the jaws' axis and across
+    tool_off_mm : offset of the TCP from the approach axis, along the jaws' axis and across
     zed_zero_mm : height of zed where its counter means 0
     yaw_per_elbow : heading that a turn of the elbow adds to the nominal half of it
-    sag_mm : by how much the stretched arm hangs lower
+    sag_mm : sag of the stretched arm
     """
 
     tool_off_mm: tuple[Small, Small] = (0.0, 0.0)
@@ -101,7 +101,7 @@ class UncertaintySection(Section):
 
     Attributes
     ----------
-    position_mm, angle_deg : of its position, of its orientation
+    position_mm, angle_deg : standard uncertainties of its position and orientation
     """
 
     position_mm: float = Field(0.0, ge=0, le=MAX_OFF_MM)
@@ -113,13 +113,13 @@ class UmiSection(ArmSection):
 
     Attributes
     ----------
-    upper_mm, fore_mm : from shoulder to elbow, from elbow to wrist
-    tool_mm : from the wrist's centre to the TCP
-    wrist_height_mm : of the wrist's axis above the table, with zed at the top
+    upper_mm, fore_mm : lengths from shoulder to elbow, from elbow to wrist
+    tool_mm : distance from the wrist's centre to the TCP
+    wrist_height_mm : height of the wrist's axis above the table, with zed at the top
     park_zed_mm : zed where the arm waits, below the noisy last counts under its top stop
         (umi_rtx.md 5.2)
-    column_pose : of the column's box in the world, once the base that it stands on was measured;
-        None if it stands as drawn
+    column_pose : pose of the column's box in the world, once its base was measured; None if it is
+        as drawn
     """
 
     upper_mm: Length

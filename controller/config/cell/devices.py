@@ -162,7 +162,7 @@ class TimingSection(Section):
 
     Attributes
     ----------
-    io_poll_s : from one reading of the inputs to the next
+    io_poll_s : period of the input readings
     io_stale_s : an input read longer ago is unknown, and unknown is not healthy
     modbus_reply_s : a Modbus device that takes longer to answer counts as silent
     frame_late_s : a frame may come this much later than rate and exposure explain
@@ -189,7 +189,7 @@ class DetectionSection(Section):
     Attributes
     ----------
     arm_silent_s : a silent line of the arm, at rest and in motion
-    arm_beat_s : at rest the arm is asked so often; part of `arm_silent_s`
+    arm_beat_s : period of polls of the arm at rest; part of `arm_silent_s`
     device_beat_s : the fixed gripper and the lamps are asked so often
     stop_confirm_s : a device that has not confirmed a stop by then is reported
     loop_late_s : a delay of the controller above this is recorded, in seconds of the wall

@@ -33,7 +33,7 @@ class CameraSection(Section):
     formats : pixel formats to ask for, the first that the camera has
     settle_frames : frames discarded after the stream starts
     margin_s : largest error of a frame's time stamp; None for the driver's own figure
-    calibrated : when; the report states it
+    calibrated : date of the calibration; reports state it
     """
 
     size_px: Annotated[tuple[int, int], AfterValidator(positive), AfterValidator(_of_a_camera)]
@@ -94,7 +94,7 @@ class LightSection(Section):
     ----------
     kind : a panel that glows, a ring about a lens, or a spot
     centre : centre of the light, in the world
-    normal, up : of a panel: where it shines, and the direction of its height
+    normal, up : normal of a panel, out of its light, and the direction of its height
     size : size of a panel: width, height
     radius, width : radius and width of a ring: to the middle of its light, and across it
     diameter : diameter of a spot
@@ -128,9 +128,9 @@ class LampSection(LightSection):
     ----------
     analog, relay : its channels on the two light modules, counted from 0
     drive : share of its full dimming that it is used with
-    settle_s : until its light is steady after a change (default: the driver's own figure)
-    full_grey : by design, the mean grey level (of 255) over the dark one that the lamp alone makes
-        at its full setting in the picture of the camera that sees most of it
+    settle_s : settling time of its light after a change (default: the driver's own figure)
+    full_grey : nominal grey level (of 255) above dark of the lamp alone at its full setting, as the
+        mean of the picture of the camera that sees most of it
     """
 
     analog: int = Field(ge=0, le=7)
@@ -145,10 +145,10 @@ class AccuracySection(Section):
 
     Attributes
     ----------
-    edge_px, light_px, lens_px : of an edge, by its noise, by light, by what calibration leaves
+    edge_px, light_px, lens_px : uncertainties of an edge: from noise, from light, from calibration
     depth_mm : depth of the part along the line of sight of the inspection camera
     scale : scale of the calibration, as a share of a length
-    temperature_k : of the part from 20 degrees Celsius
+    temperature_k : difference of the part's temperature from 20 degrees Celsius
     """
 
     edge_px: float = Field(0.05, gt=0, le=2)

@@ -17,7 +17,7 @@ class Range2(Section):
 
     Attributes
     ----------
-    x, y : from, to, in the world
+    x, y : range in the world, from and to
     """
 
     x: Range
@@ -30,7 +30,7 @@ class TableSection(Section):
     Attributes
     ----------
     glowing_area : area lit from below
-    drop_area : where parts are looked for and planned from
+    drop_area : area in which parts are sought and planned from
     """
 
     glowing_area: Range2
@@ -67,7 +67,7 @@ class FixedGripperSection(Section):
     body : boxes in the frame of its TCP
     post : box in the world: what it is bolted to
     opening_zero_mm, opening_scale : its jaws are ``zero + scale * reported`` apart
-    held : by how much it may stand elsewhere along its pads, where only its plane was measured
+    held : largest error of its position along its pads, if only its plane was measured
     """
 
     pose: Pose

@@ -26,7 +26,7 @@ class Restored:
 
     Attributes
     ----------
-    at : when the backup was made
+    at : date of the backup
     flaw : fault in the journal as it was then; empty if there is none
     """
 

@@ -108,7 +108,7 @@ def agreement(store: Store, filters: Filters) -> Agreement:
     Parameters
     ----------
     store : filled
-    filters : which parts; what they ask of reviews is left out
+    filters : parts to count; filters on reviews are ignored
 
     Raises
     ------

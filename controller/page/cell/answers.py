@@ -39,7 +39,7 @@ class CellAnswers:
     Parameters
     ----------
     setting : start options of the page
-    workshop : where the doctor works
+    workshop : working folder of the doctor
     """
 
     def __init__(self, setting: Setting, workshop: Workshop) -> None:

@@ -53,11 +53,11 @@ class Past:
 
     Attributes
     ----------
-    usage : of calibrations, by the hash of their files
+    usage : use of calibrations, by the hash of their files
     off_mm : part by part, oldest first: how far arm and station camera disagreed between views
     connected : identities that the devices reported when a run last connected
-    connected_at : when that was, UTC; empty if never
-    connected_run : in which run
+    connected_at : time of that, UTC; empty if never
+    connected_run : run of that
     emulated : devices that were emulated in it
     problem : reason why the journal cannot be read; empty where it can, or is not there
     """

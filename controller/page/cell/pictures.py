@@ -27,10 +27,10 @@ class TakenPicture:
 
     Attributes
     ----------
-    camera : that took it
-    lamp : that was lit
+    camera : camera that took it
+    lamp : lamp that was lit
     what : view, or table
-    at : when, UTC
+    at : time, UTC
     file : its name within the run's folder
     """
 

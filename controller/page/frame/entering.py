@@ -22,7 +22,7 @@ class Entrance:
 
     Parameters
     ----------
-    frame : to which it leads
+    frame : frame of the target page
     """
 
     def __init__(self, frame: Frame) -> None:

@@ -102,7 +102,7 @@ class Upload:
     ----------
     path : below the screen, without parameters
     max_bytes : largest size
-    suffixes : which its name may have, in small letters
+    suffixes : allowed endings of its name, in lower case
     answer : function that uses it; the file is deleted once the answer is made
     role : the least role that may do it
     """

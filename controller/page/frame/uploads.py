@@ -32,8 +32,8 @@ class Uploaded:
 
     Attributes
     ----------
-    name : as the person named it: letters, digits and a few signs, no folder
-    path : where its bytes are until the answer is made
+    name : file name given by the person: letters, digits and a few signs, no folder
+    path : path of its bytes until the answer is made
     """
 
     name: str
@@ -46,7 +46,7 @@ async def received(request: Request, upload: Upload) -> AsyncIterator[Uploaded]:
 
     Parameters
     ----------
-    request : whose body is the file, and whose query has its `name`
+    request : request with the file as its body, and its `name` in the query
     upload : limits of an upload
 
     Raises

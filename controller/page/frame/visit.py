@@ -45,7 +45,7 @@ class Frame:
 
     Attributes
     ----------
-    site : under which addresses browsers find the page
+    site : addresses by which browsers find the page
     accounts, sessions, attempts : accounts, open sessions, and failed log-ins
     screens : in the order of the navigation bar
     one_at_a_time : is held while a password is tried
@@ -93,7 +93,7 @@ class Frame:
         request : request to answer
         template : its name
         values : values for the template, by name
-        screen : whose texts it has
+        screen : screen with its texts
         status : of the answer
         """
         language = language_of(request)
@@ -121,7 +121,7 @@ class Visit:
     ----------
     frame, screen : frame and screen visited
     request : request of the browser; the body of an act or an upload has been read
-    session : whose it is
+    session : session of the user
     """
 
     frame: Frame

@@ -208,7 +208,7 @@ def value_in(
     ----------
     language : one of `LANGUAGES`
     value : the number
-    digits : behind the point
+    digits : number of decimals
     is_signed : show a plus, too
     """
     if value is None:

@@ -23,7 +23,7 @@ class RecipeChoice:
 
     Attributes
     ----------
-    key : as it is named on the command line, from the project's folder
+    key : name on the command line, from the project's folder
     name : name of the product
     part : its CAD file
     count : parts of a run unless another number is given
@@ -45,7 +45,7 @@ class CellChoice:
 
     Attributes
     ----------
-    key : as it is named on the command line, from the project's folder
+    key : name on the command line, from the project's folder
     emulated, real : its devices
     problem : reason why it cannot be used, empty if it can
     """

@@ -63,9 +63,9 @@ class HeldPart:
 
     Attributes
     ----------
-    custody : which gripper, tray or table has it
+    custody : gripper, tray or table that has it
     number : number of the part in the run, 0 before the first
-    T_world_part : where it was seen last
+    T_world_part : pose in which it was seen last
     let_go : joints at which the arm gripper let go of it, and how it had held it
     T_part_tcp : grasp of the arm gripper
     arm_mm, fixed_mm : openings of the grippers, None for open
@@ -92,10 +92,9 @@ class RunFold:
     pictures : files of the run's folder that the page may show
     inputs : SHA-256 of the files that the run was started with
     others : other objects on the table
-    state, arm, part : of cell, arm and part
+    state, arm, part : states of cell, arm and part
     is_at_rest : the run has come to rest; what is left of it is its report
-    compared : by face of the part at hand, how many of its samples the views have compared so far,
-        and how many it has
+    compared : numbers of samples of each face of the current part: compared so far, and in all
     began_utc : when it began
     """
 

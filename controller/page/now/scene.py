@@ -128,7 +128,7 @@ class CellScene:
 
         Parameters
         ----------
-        part : as the journal has it; what the arm gripper holds comes along
+        part : part as the journal has it; an object in the arm gripper is included
         waypoints : joints where the motion begins and ends, (6,) each
         """
         if len(waypoints) < 2 or any(len(q) != AXES for q in waypoints):

@@ -84,7 +84,7 @@ class RecipeAnswers:
     Parameters
     ----------
     setting : start options of the page
-    workshop : where child processes work
+    workshop : working folder of child processes
     """
 
     def __init__(self, setting: Setting, workshop: Workshop) -> None:

@@ -104,7 +104,7 @@ def drafted(file: RecipeFile, changes: Changes) -> Draft:
     Parameters
     ----------
     file : file of the recipe
-    changes : to it
+    changes : changes to make
 
     Raises
     ------
@@ -134,13 +134,13 @@ def save(file: RecipeFile, changes: Changes, seen_sha256: str) -> Draft:
     Parameters
     ----------
     file : file of the recipe
-    changes : to it
-    seen_sha256 : of the draft whose diff the person has seen
+    changes : changes to make
+    seen_sha256 : SHA-256 of the draft whose diff the person has seen
 
     Raises
     ------
-    ConfigError : as `drafted`, or the file cannot be written
-    NotAsShownError : as `drafted`, or the draft is another one than the person has seen
+    ConfigError : as in `drafted`, or the file cannot be written
+    NotAsShownError : as in `drafted`, or the draft is another one than the person has seen
     """
     if not file.is_own:
         raise ConfigError(f"{file.path.name} comes with cellctl and is not changed; copy it")

@@ -20,7 +20,7 @@ def note(runs_dir: Path, who: str, what: str, file: str, **more: object) -> None
     runs_dir : folder of all runs, where it is kept
     who : name of the person
     what : was done
-    file : to which
+    file : file that was changed
     more : further facts
 
     Raises

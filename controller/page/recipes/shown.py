@@ -96,7 +96,7 @@ def mesh_shown(folder: Path) -> dict[str, Any]:
 
     Parameters
     ----------
-    folder : that it was given to write to
+    folder : folder it was given for its output
     """
     try:
         mesh = json.loads((folder / "mesh.json").read_text(encoding="utf-8"))

@@ -37,10 +37,10 @@ class Staged:
 
     Attributes
     ----------
-    path : where it is kept, under the name that it will have
+    path : path of the file, under its final name
     sha256 : SHA-256 of its bytes
     unit : unit of its lengths, where its format names none
-    body : which of a STEP file's bodies is meant; empty for its only one
+    body : body of a STEP file with several; empty for its only one
     """
 
     path: Path
@@ -92,7 +92,7 @@ class Stage:
         Parameters
         ----------
         name : name of the file, without folders
-        path : where its bytes are for now
+        path : path of its bytes for now
         """
         self.clear()
         self._folder = Path(tempfile.mkdtemp(prefix="cellctl-sent-"))

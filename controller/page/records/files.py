@@ -39,7 +39,7 @@ class Wanted:
     ----------
     form : one of `FORMS`
     run, number : a part, or a whole run where the number is 0; empty for what `filters` let through
-    filters : which parts of all runs
+    filters : parts of all runs to include
     """
 
     form: str

@@ -47,7 +47,7 @@ def page_count(count: int, listed: int) -> int:
     Parameters
     ----------
     count : number of all that the list has
-    listed : of those on one page
+    listed : number of parts on one page
     """
     return max(1, -(-count // listed))
 

@@ -161,7 +161,7 @@ class ReviewAnswers:
 
         Parameters
         ----------
-        visit : whose verdict it is
+        visit : visit of the person who decides
         body : the verdict
         """
         try:

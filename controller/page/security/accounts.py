@@ -95,7 +95,7 @@ class Accounts:
     Parameters
     ----------
     path : the file; it need not exist
-    cost : of hashes that are made from now on
+    cost : cost of new hashes
     """
 
     def __init__(self, path: Path, cost: int = COST) -> None:

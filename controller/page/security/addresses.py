@@ -39,9 +39,9 @@ class Site:
 
         Parameters
         ----------
-        host, port : where it listens
+        host, port : address of the server
         with_tls : it speaks https
-        names : by which it is also known
+        names : further names of the server
         """
         scheme = "https" if with_tls else "http"
         every = {host, *names, *(("127.0.0.1", *LOOPBACK_NAMES) if is_loopback(host) else ())}

@@ -50,7 +50,7 @@ class Guard:
     Parameters
     ----------
     app : application behind it
-    site : under which addresses browsers find it
+    site : addresses by which browsers find it
     uploads : addresses that take a file, with its largest size [bytes]
     """
 

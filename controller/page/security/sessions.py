@@ -42,7 +42,7 @@ class Session:
 
     Attributes
     ----------
-    account : whose it is
+    account : account of the session
     csrf : token that each of its orders must carry
     began_s, used_s : on the clock of the sessions
     mark : `Accounts.mark` of the account when it began

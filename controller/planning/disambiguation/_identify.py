@@ -26,7 +26,7 @@ class Identification:
     Attributes
     ----------
     left : hypotheses that it may be, the likeliest first; empty if the picture fits none of them
-    differs_px : (n,) of the picture from each prediction
+    differs_px : (n,) differences of the picture from each prediction
     """
 
     left: tuple[int, ...]
@@ -41,8 +41,8 @@ def compare(
     Parameters
     ----------
     measured : on the grid of the predictions: mask against the backlight, or edges under the lamps
-    predicted : of all hypotheses, in the configuration the picture was taken in
-    light : in which the picture was taken
+    predicted : predictions of all hypotheses, in the configuration of the picture
+    light : lighting of the picture
     among : the hypotheses still possible; others get inf
     """
     found = np.full(len(predicted.pictures), np.inf)
@@ -69,9 +69,9 @@ def discriminate(
 
     Parameters
     ----------
-    differs_px : (n,) of the picture from each hypothesis's prediction, of `compare`
-    apart_px : (n, n) of each prediction from each other one, of `apart`
-    light : in which the picture was taken
+    differs_px : (n,) differences of the picture from each hypothesis's prediction, of `compare`
+    apart_px : (n, n) differences between the predictions, of `apart`
+    light : lighting of the picture
     among : the hypotheses still possible
     edges_px : (n,) edges that each prediction shows, of `edges_shown`; for pictures under lamps
     rules : minimum difference between pictures; None for the defaults

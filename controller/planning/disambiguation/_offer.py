@@ -36,8 +36,8 @@ def offered_views(
     ----------
     hypotheses : hypotheses of the part in the gripper, at least one
     layout : the cell
-    opening_mm : between the inner sides of the fingers
-    q_from : (6,) where the arm stands
+    opening_mm : distance between the inner sides of the fingers
+    q_from : (6,) present joints of the arm
     direction_count : directions tried
     """
     first = hypotheses[0]

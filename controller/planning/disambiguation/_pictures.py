@@ -46,7 +46,7 @@ class EdgePicture:
 
     Attributes
     ----------
-    mask : where the part is
+    mask : mask of the part
     edges : its outline and the edges inside it that show
     behind, before : masks of arm gripper and arm: over the light behind, and over the part's face
     """
@@ -93,7 +93,7 @@ def region_of(
     outer_mm : of `outer_points`
     T_world_part : pose of each hypothesis (4, 4), as it is held up
     camera : camera of the view
-    margin : in pixels, on all sides
+    margin : margin on all sides [px]
     """
     found = [view_roi(p, T, camera, margin) for p, T in zip(outer_mm, T_world_part, strict=True)]
     known = [r for r in found if r is not None]
@@ -124,7 +124,8 @@ def predict(
     roi : region of the picture
     step_px : distance of the grid's pixels
     arm_gripper : of `see_boxes` on the same grid; None where nothing holds the part
-    rules : which edges show, and how near to the gripper nothing is compared
+    rules : rules on visible edges, and on the distance to the gripper within which nothing is
+        compared
     """
     maps = render_maps(caster, T_world_part, camera, roi, step_px)
     mask = maps.mask

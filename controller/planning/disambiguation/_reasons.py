@@ -35,7 +35,7 @@ def why_alike(
     layout : the cell
     q : (k, 6) the views offered
     margin : the best of them
-    opening_mm : between the inner sides of the fingers
+    opening_mm : distance between the inner sides of the fingers
     """
     samples = [sample_surface(c.solid, SPACING_MM) for c in (a, b)]
     apart = [distance_mm(x, s, y) for x, s, y in ((a, samples[0], b), (b, samples[1], a))]

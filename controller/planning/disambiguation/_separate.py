@@ -132,7 +132,7 @@ def separations(
     layout : the cell
     q : reachable and free of contact for every hypothesis
     seconds : (k,) cost of each
-    opening_mm : between the inner sides of the fingers, the same for all
+    opening_mm : distance between the inner sides of the fingers, the same for all
     rules : uncertainty of the grasp, and the minimum difference; None for the defaults
     """
     rules = rules or DisambiguationRules()

@@ -62,7 +62,7 @@ class Indistinguishable:
 
     Attributes
     ----------
-    best_margin : of all views, less than 1
+    best_margin : best margin of all views, less than 1
     reason : a sentence for people
     """
 
@@ -133,7 +133,7 @@ def cheapest_tree(
     Parameters
     ----------
     candidate_count : number of candidates; the pairs of ``found`` number them from 0
-    found : which views tell which pairs apart
+    found : pairs that each view separates
     seconds : (k,) cost of each configuration [s]
     """
     views = _worth_asking(found, seconds)

@@ -145,7 +145,7 @@ def segments_hit(
     start : (n, 3) in the boxes' frame [mm]
     end : (n, 3), or (3,) for all alike
     boxes : none hits nothing
-    grow_mm : by which every box is larger on all sides
+    grow_mm : growth of every box on all sides
     """
     hit = np.zeros(len(start), dtype=bool)
     end = np.broadcast_to(end, start.shape)

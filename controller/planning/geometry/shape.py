@@ -32,7 +32,7 @@ class PartShape:
     Attributes
     ----------
     box : its bounding box along the axes of the CAD frame
-    hull_mm : (h, 3) those of its points that can be its lowest one
+    hull_mm : (h, 3) points of the hull that can be its lowest one
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class PartShape:
 
         Parameters
         ----------
-        by_mm : where that is more than a quarter of an edge of the box, half of the edge is left
+        by_mm : shrinkage; at most half of an edge of the box is removed
         """
         centre, half = self.box.T[:3, 3], self.box.half_mm
         scale = np.maximum(1.0 - by_mm / half, 0.5)

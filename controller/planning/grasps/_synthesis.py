@@ -143,7 +143,7 @@ def judge_grasps(
     ----------
     problem : the part, and what a grasp must keep
     jaw : the gripper
-    holder : which gripper it is; only the arm's takes parts from the table
+    holder : gripper concerned; only the arm's takes parts from the table
     gravities : unit vectors (3,) in the TCP frame, of a gripper that does not turn; None: of the
         arm's
     """

@@ -56,7 +56,7 @@ def clear_of_part(
     ----------
     part : its triangles
     T : (n, 4, 4) T_part_tcp
-    opening : (n,) between the surfaces held, of inner grasps between the fingers' backs
+    opening : (n,) distance between the surfaces held, of inner grasps between the fingers' backs
     inner : (n,) the jaw spreads between the surfaces
     jaw : the gripper, with fingers and body
     rules : clearance while open, length of the approach, and what the pads give
@@ -107,10 +107,10 @@ def lifts_off_table(
     Parameters
     ----------
     T : (n, 4, 4) TCP poses in the part frame
-    gap_open : (n,) between the pads while open
+    gap_open : (n,) distance between the pads while open
     jaw : the gripper, with fingers and body
     hull : (h, 3) corners of the part, in the part frame
-    down : (3,) which way is down, in the part frame
+    down : (3,) direction down, in the part frame
     """
     table = float((hull @ down).max()) - TABLE_MARGIN_MM
     sinks = np.einsum("j,njk->nk", down, T[:, :3, :3])  # of each axis of the TCP, along down

@@ -118,7 +118,7 @@ class Judge:
         Parameters
         ----------
         T : (n, 4, 4) T_part_tcp
-        gap : (n,) between the surfaces expected to touch [mm]
+        gap : (n,) distance between the surfaces expected to touch [mm]
         inner : (n,) the pads are the fingers' backs and move apart
         grid : the rays of a pad
         slopes : work out the gradients too

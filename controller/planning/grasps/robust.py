@@ -33,7 +33,7 @@ def wrong_poses(rules: GraspRules, down: FloatArray | None = None) -> FloatArray
     Parameters
     ----------
     rules : number of poses, and their offsets
-    down : (3,) which way is down for a part that lies on a table: height and tilt are right then
+    down : (3,) direction down for a part on a table, whose height and tilt are then right
     """
     ratio = 1.0
     for _ in range(60):
@@ -69,7 +69,7 @@ def margins(
     judge : the part, the jaw and the rules
     found : n contacts, closed at the pose expected
     inner : (n,) the pads are the fingers' backs
-    down : as `wrong_poses`
+    down : as in `wrong_poses`
     contact_mm2 : least contact of either pad at a wrong pose; None for that of two lines
     """
     least_mm2 = judge.rules.min_line_contact_mm2 if contact_mm2 is None else contact_mm2
@@ -140,7 +140,7 @@ def slid_home(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> F
     Parameters
     ----------
     touched : n contacts, with their gradients
-    inner, jaw, grid : as `flattened`; not asked here
+    inner, jaw, grid : as in `flattened`; not used here
     """
     slide = _least_width(touched, -touched.gradient, MAX_SLIDE_MM)
     out = touched.T.copy()

@@ -96,7 +96,7 @@ class TimingModel(Protocol):
         Returns
         -------
         q : (m, 6) configurations
-        share : (m,) of the way done at that instant, 0 to 1
+        share : (m,) share of the motion done at that instant, 0 to 1
         """
 
     def stray(self, step: FloatArray) -> FloatArray:
@@ -178,7 +178,7 @@ class ArmModel(Protocol):
 
         Returns
         -------
-        index, branch : (m,) whose pose, and on which branch, in the order of the poses
+        index, branch : (m,) number of each pose in the order of the poses, and its branch
         q : (m, 6)
         """
 

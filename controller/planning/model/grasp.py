@@ -81,7 +81,7 @@ class Grasp:
     ----------
     T_part_tcp : (4, 4) TCP frame of the jaw in the part's CAD frame while it holds
     opening_mm, pre_open_mm : opening holding, and before and after
-    contact_mm2 : of the smaller of both contacts
+    contact_mm2 : contact area of the smaller of both contacts
     load : share of the friction limit in use
     score : 0..1, larger is surer
     margin : share of the poses about the planned one (+-1 mm, +-2 deg) in which it still holds

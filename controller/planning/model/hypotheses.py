@@ -38,7 +38,7 @@ class HeldHypothesis:
         ----------
         name : for people
         solid : the part it may be
-        T_world_part : (4, 4) where it then is [mm]
+        T_world_part : (4, 4) pose of the part then [mm]
         T_world_tcp : (4, 4) pose of the gripper's TCP [mm]
         """
         return cls(name, solid, np.linalg.inv(T_world_tcp) @ T_world_part)

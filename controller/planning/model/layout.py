@@ -25,7 +25,7 @@ class Pads:
     Attributes
     ----------
     friction : coefficient against the part
-    compliance_mm : by which they give
+    compliance_mm : compliance of the pads
     """
 
     friction: float
@@ -39,7 +39,7 @@ class Jaw:
     Attributes
     ----------
     max_mm : widest opening
-    force_n : with which the pads press
+    force_n : force of the pads
     can_spread : it may also hold a bore or a channel from inside, its fingers' backs being pads
     pads : None for those that `GraspRules` assumes
     """
@@ -62,7 +62,7 @@ class Jaw:
         Parameters
         ----------
         opening_mm : between the pads
-        behind_mm : by which they are longer backwards, for the straight path in
+        behind_mm : extra length backwards, for the straight path in
         until_mm : a second, wider opening: the boxes hold all openings between; None for one alone
         """
         x0, z = -self.finger_length_mm - behind_mm, self.finger_width_mm / 2
@@ -87,8 +87,7 @@ class Nest:
     ----------
     centre_mm : its middle, x and y in the world
     size_mm : room along x and y that the part's outline stays within
-    turn_rad : by which the part is turned about the vertical, from where its stable pose has it;
-        None for any
+    turn_rad : turn of the part about the vertical, from its stable pose; None for any
     """
 
     centre_mm: tuple[float, float]
@@ -137,8 +136,8 @@ class CellTimes:
     read_s : the joints are read back
     ringing_s : time for which the arm vibrates after it stops; no picture is taken before
     picture_s : lamps, exposure after the change, download
-    judge_s : from the pictures of a view to its result, where the cell waits for it
-    verdict_s : from the last result to the verdict
+    judge_s : time from the pictures of a view to its result, if the cell waits for it
+    verdict_s : time from the last result to the verdict
     relook_s : pictures of the table, recognition and a new plan after a set-down
     """
 
@@ -203,7 +202,7 @@ class CellLayout:
     column : box in the world of the part of the arm that stands still
     T_world_fixed_tcp : pose of the fixed gripper's TCP frame
     obstacles : world boxes by name, the fixed gripper's post among them
-    station_mm : (3,) where the part's centre of mass is shown to the `inspection` camera
+    station_mm : (3,) position of the part's centre of mass before the `inspection` camera
     fixed_gripper : None where the cell has none (then its pose says nothing)
     inspection_sharp_mm, overhead_sharp_mm : depths along the optical axis between which the
         camera's picture is sharp (its depth of field)

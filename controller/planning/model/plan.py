@@ -76,8 +76,8 @@ class Present(Step):
 
     Attributes
     ----------
-    q : (6,) where the arm stands
-    T_world_part : (4, 4) where the part then is
+    q : (6,) present joints of the arm
+    T_world_part : (4, 4) pose of the part then
     direction_part : (3,) unit, from the centre of mass to the camera, in the part frame
     seen : (n,) bool, per sample
     square_to : id of the planar face or bore this view is square to, -1 if none
@@ -133,7 +133,7 @@ class SetDown(Step):
     Attributes
     ----------
     pose_index : index of the stable pose it is put down in
-    T_world_part : (4, 4) where
+    T_world_part : (4, 4) pose of the part
     """
 
     grasp: Grasp
@@ -152,7 +152,7 @@ class Look(Step):
     Attributes
     ----------
     seen : (n,) bool, per sample
-    T_world_part : (4, 4) where it lies
+    T_world_part : (4, 4) pose of the part
     """
 
     view_id: str
@@ -206,9 +206,9 @@ class Unseen:
     ----------
     area_fraction : share of all surface
     reason : a sentence for people, with the evidence
-    kind : which of the five
+    kind : kind of the step, one of five
     advice : the smallest change found that would show it, or ""
-    samples : which samples it is
+    samples : indices of the samples
     """
 
     face_id: int
@@ -256,7 +256,7 @@ class Plan:
     steps : in order, up to where the verdict is known
     place, park : per tray, what comes then
     forecast_s : all steps and the slowest tray
-    covered_fraction : of the surface, in sight at least once
+    covered_fraction : share of the surface in sight at least once
     covered_U : expanded uncertainty (k = 2) of that share, from how far apart its points are
     reachable_fraction : share that any grasp and any view of this cell could inspect, regrasps
         aside

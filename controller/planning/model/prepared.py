@@ -22,9 +22,9 @@ class HandOff:
 
     Attributes
     ----------
-    q : (6,) where the part changes hold
-    entry : (k, 6) from the far end of the straight path in, up to `q`
-    retreat : (k, 6) from `q` to where the empty gripper is clear
+    q : (6,) joints at which the part changes hold
+    entry : (k, 6) path from the far end of the straight path in, up to `q`
+    retreat : (k, 6) path from `q` to a pose where the empty gripper is clear
     """
 
     q: FloatArray
@@ -105,9 +105,9 @@ class PreparedPart:
     hand_offs : per grasp of the fixed gripper, arm grasp -> how they meet
     covered : (g, n) samples some reachable view of an arm grasp shows
     home_q : (g, 6) one configuration of each arm grasp, in the midst of its views
-    counted : by what the coverage of plans is counted; None for the samples they are chosen by
-    rests, set_downs : where the part may be set down, and per rest, arm grasp -> how; empty where
-        no plan has needed them
+    counted : points that count the coverage of plans; None for the samples they are chosen by
+    rests, set_downs : poses for setting the part down, and per rest and arm grasp the motion; empty
+        if no plan has needed them
     """
 
     solid: Solid

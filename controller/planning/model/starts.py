@@ -16,8 +16,8 @@ class OnTable:
     Attributes
     ----------
     pose_index : index of the stable pose, -1 if it leans
-    T_world_part : (4, 4) as seen
-    q : (6,) where the arm stands, None for its park position
+    T_world_part : (4, 4) pose as seen
+    q : (6,) joints of the arm, None for its park position
     """
 
     pose_index: int
@@ -32,7 +32,7 @@ class InArm:
     Attributes
     ----------
     grasp : with `T_part_tcp` and opening as measured; its id may be that of a planned grasp
-    q : (6,) where the arm stands, free of contact with all but the part
+    q : (6,) joints of the arm, free of contact with all but the part
     """
 
     grasp: Grasp
@@ -46,7 +46,7 @@ class InFixedGripper:
     Attributes
     ----------
     grasp : grasp of the fixed gripper, as measured
-    q : (6,) where the empty arm stands
+    q : (6,) joints of the empty arm
     """
 
     grasp: Grasp

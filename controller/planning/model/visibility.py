@@ -70,7 +70,7 @@ class Counted:
         views leave blind, and further ones are chosen
     nearest : (m,) the sample that views are chosen by which is nearest, on the same face
     of_chosen : (n,) the reverse: the point nearest to each of those samples
-    evidence : which of them no direction shows
+    evidence : evidence on the points that no direction shows
     """
 
     samples: SurfaceSamples

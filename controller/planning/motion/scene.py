@@ -36,7 +36,7 @@ class Scene:
 
     Attributes
     ----------
-    arm_opening_mm, fixed_opening_mm : of the two jaws
+    arm_opening_mm, fixed_opening_mm : openings of the two jaws
     carried : the part as a box in the TCP frame, or None
     standing : boxes in the world beside the layout's own, for instance the part in the fixed
         gripper

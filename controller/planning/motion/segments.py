@@ -60,7 +60,7 @@ def segment_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends)
     ----------
     scene : load on the arm, and the obstacles
     q_from, q_to : (6,) rows of joints
-    ends : of the whole path the move is part of; near them the margin is the thin one
+    ends : ends of the whole path that the move is part of; near them the margin is the smaller one
     """
     layout, step = scene.layout, q_to - q_from
     # linear, so all between are as well
@@ -107,7 +107,7 @@ def segment_seems_free(
     ----------
     scene : load on the arm, and the obstacles
     q_from, q_to : (6,) rows of joints
-    ends : of the whole path the move is part of
+    ends : ends of the whole path that the move is part of
     tube_mm : added to the margin away from the ends
     """
     if not scene.layout.arm.within_limits(np.stack([q_from, q_to])).all():

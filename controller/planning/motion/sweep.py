@@ -33,10 +33,10 @@ class Swept:
 
     Attributes
     ----------
-    phase : in which something comes too close; empty if all is free
+    phase : phase in which something comes too close; empty if all is free
     touches : name of what comes too close
-    tcp_mm : (3,) where the TCP is there, in the world
-    pieces : of joint space that were looked at
+    tcp_mm : (3,) position of the TCP there, in the world
+    pieces : number of pieces of joint space examined
     """
 
     phase: str = ""
@@ -59,7 +59,7 @@ def prove_sweep(
     ----------
     scene : load on the arm, and the obstacles
     phases : in order
-    margin_mm : to everything but the arm itself, which keeps `SELF_MARGIN_MM`
+    margin_mm : margin to everything but the arm itself, which keeps `SELF_MARGIN_MM`
     """
     pieces = 0
     for phase in phases:
@@ -76,7 +76,7 @@ class ProvenMove:
 
     Attributes
     ----------
-    waypoints : (6,) from its beginning (left out) to its end; none if it is not proven
+    waypoints : (6,) waypoints from its beginning (left out) to its end; none if it is not proven
     swept : findings of the proof
     """
 
@@ -96,7 +96,7 @@ def prove_move(
     ----------
     scene : load on the arm, and the obstacles
     q_from, q_to : (6,) rows of joints
-    margin_mm : to everything but the arm itself, which keeps `SELF_MARGIN_MM`
+    margin_mm : margin to everything but the arm itself, which keeps `SELF_MARGIN_MM`
     """
     arm, swept = scene.layout.arm, Swept()
     for count in _MOVE_COUNTS:

@@ -84,8 +84,8 @@ def tube_bound_mm(layout: CellLayout, step: FloatArray, radii_mm: FloatArray) ->
     Parameters
     ----------
     layout : the cell; its arm has the timing model
-    step : (6,) by which the joints change
-    radii_mm : (6,) by which a joint's change moves gripper and part at most
+    step : (6,) change of the joints
+    radii_mm : (6,) largest motion of gripper and part per change of a joint
     """
     return float(layout.arm.timing.stray(step) @ radii_mm)
 

@@ -120,7 +120,7 @@ def shortened(
     path : (6,) each, free all along, both ends included
     scene : load on the arm, and the obstacles
     ends : of the whole path
-    rng : where corners are cut
+    rng : source of randomness for cutting corners
     """
     layout = scene.layout
 

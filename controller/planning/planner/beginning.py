@@ -37,7 +37,7 @@ class Beginning:
 
     Attributes
     ----------
-    where : of the part, for messages
+    where : place of the part, for messages
     q : (6,) joint values of the arm
     first_s : (g,) cost of having the part in each arm grasp [s], inf where it cannot be had
     take : adds to a build the steps that bring the part into an arm grasp, given by its number;
@@ -63,7 +63,7 @@ def from_table(
     ----------
     part : prepared for this cell
     layout : the cell
-    start : where the part is, and the arm
+    start : state of the part and of the arm at the start
     inspected : (n,) samples that need not be shown again
 
     Raises

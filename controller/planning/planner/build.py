@@ -49,7 +49,7 @@ class RefutedError(Exception):
     ----------
     reason : reason why it cannot be driven
     regrasps : (from, to) grasps between which no motion was found
-    views : (grasp, view) that cannot be taken
+    views : (grasp, view) views that cannot be taken
     firsts, lasts : grasps that cannot be had at the start, or be finished from
     """
 
@@ -283,7 +283,7 @@ class Builder:
         build : steps so far; the views are added
         g : number of the arm's grasp
         views : numbers of directions
-        end : (6,) where the arm goes afterwards; None if nowhere
+        end : (6,) final joints of the arm; None for anywhere
 
         Raises
         ------

@@ -28,7 +28,7 @@ class Certificate:
 
     Attributes
     ----------
-    plan : from the middle of the area parts may lie in, None where there is none
+    plan : plan from the middle of the drop area, None without one
     reason : reason why there is no plan, a sentence; "" where there is one
     pickable : share of places and turns over that area from which the part can be taken
     same_as : pose that a symmetry of the part makes this one, and whose plan this is; -1 for none

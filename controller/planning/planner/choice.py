@@ -143,7 +143,7 @@ def make_counted(
     solid : the part
     chosen_by : n samples that views are chosen by
     counted : m samples
-    probes : by which blind spots are found
+    probes : points for finding blind spots
     caster : rays against its mesh
     rules : camera distance, and the limits on a surface's incidence
     visibility_table : visibility table of the n samples

@@ -96,7 +96,7 @@ def first_seconds(
     ----------
     part : prepared
     layout : the cell
-    q : (6,) where the arm stands
+    q : (6,) present joints of the arm
     picks : picks of each grasp that can, the paths to take the part; at least one
     """
     seconds = np.full(len(part.arm_grasps), np.inf)
@@ -118,7 +118,7 @@ def take_seconds(
     ----------
     part : prepared
     layout : the cell
-    q : (6,) where the arm stands
+    q : (6,) present joints of the arm
     site : the fixed gripper's grasp, or the table; inf for grasps that do not meet it
     """
     seconds = np.full(len(part.arm_grasps), np.inf)

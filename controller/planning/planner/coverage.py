@@ -21,7 +21,7 @@ def count_shown(
     ----------
     part : prepared
     layout : the cell
-    steps : with what each shows of the samples that views are chosen by
+    steps : steps with the samples shown, among those that views are chosen by
     before : (m,) points inspected before
     """
     seen = before.copy()
@@ -53,7 +53,7 @@ def counted_as(part: PreparedPart, able: BoolArray, seen: BoolArray) -> BoolArra
     Parameters
     ----------
     part : prepared
-    able : (n,) which of the samples that views are chosen by
+    able : (n,) mask of the reachable samples among those that views are chosen by
     seen : (m,) points that are shown
     """
     counted = part.counted

@@ -88,14 +88,14 @@ def plan_under_ambiguity(
     ----------
     part : prepared for this cell: the hypothesis that is planned for
     layout : the cell
-    start : where it lies, read as that part
+    start : present pose, read as that part
     others : further hypotheses of the part
-    seen, avoid : as `plan_from`
+    seen, avoid : as in `plan_from`
     rng_seed : seed of the random trees; the same one gives the same plan
 
     Raises
     ------
-    NoPlanError : as `plan_from`, or no view that can be had tells the hypotheses apart
+    NoPlanError : as in `plan_from`, or no view that can be had tells the hypotheses apart
     """
     failure: NoPlanError | None = None
     alike: DisambiguationTree | None = None
@@ -146,7 +146,7 @@ def identify(
     ----------
     ambiguity : ambiguity of the view
     layout : the cell
-    q : (6,) where the arm stood
+    q : (6,) joints of the arm
     opening_mm : opening of the arm gripper
     backlit, lit : (h, w) pictures of the inspection camera, for
         `disambiguation.measured_picture`

@@ -68,7 +68,7 @@ def plan_part(
     layout : the cell
     rng_seed : seed of the random trees; the same one gives the same plan
     options : requirements on a plan; None for the defaults
-    prepared : of `prepare_part` for the same solid, samples and layout; made here if None
+    prepared : result of `prepare_part` for the same solid, samples and layout; made here if None
 
     Raises
     ------
@@ -94,9 +94,9 @@ def plan_from(
     ----------
     part : prepared for this cell
     layout : the cell
-    start : where the part is: on the table, in the arm gripper or in the fixed one
-    seen : (m,) of `PreparedPart.counted_samples`, inspected before: no view is spent on them again;
-        none if None
+    start : state of the part: on the table, in the arm gripper or in the fixed one
+    seen : (m,) indices of `PreparedPart.counted_samples` inspected before: no view is spent on them
+        again; none if None
     avoid : ids of grasps of either gripper that are not to be used
     short : grasps of the arm and faces of which too little could be compared from them: these faces
         are shown again, from other grasps
@@ -264,8 +264,8 @@ class _SolutionBuilder:
 
         Parameters
         ----------
-        problem : that was solved
-        solution : of it
+        problem : problem that was solved
+        solution : its solution
         second_count : number of views beyond those that the search chose
 
         Raises

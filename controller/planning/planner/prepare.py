@@ -144,7 +144,7 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
     ----------
     part : prepared for this cell; left as it is
     layout : the cell
-    grasps : to add, numbered after those there are
+    grasps : grasps to add, numbered after the existing ones
     """
     rules = VisibilityRules.of_station(
         layout, part.options.max_incidence_deg, part.options.min_px_per_mm
@@ -204,7 +204,7 @@ def without_short(part: PreparedPart, short: Collection[ShortFace]) -> PreparedP
     Parameters
     ----------
     part : prepared; left as it is
-    short : which grasp, which face
+    short : pairs of grasp and face
     """
     if not short:
         return part

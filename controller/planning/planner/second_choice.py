@@ -69,8 +69,8 @@ class SecondChoice:
 
         Parameters
         ----------
-        problem : that was solved
-        solution : of it
+        problem : problem that was solved
+        solution : its solution
         """
         if len(self._left) == 0:
             return solution
@@ -125,10 +125,10 @@ class _Rows:
 
     Attributes
     ----------
-    turns : (r,) in which of the solution's grasps, the first time that it comes
+    turns : (r,) numbers of the solution's grasps, at their first use
     grasps, views : (r,) numbers, as the problem has them
     costs_s : (r,)
-    shows : (r, e) of the elements that the solution shows and has to
+    shows : (r, e) mask of the elements that the solution must show
     """
 
     turn_count: int

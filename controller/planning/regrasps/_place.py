@@ -65,7 +65,7 @@ def place_paths(
     part : prepared
     layout : the cell
     grasp : as the arm holds it
-    tray : where to
+    tray : target tray
     count : at most so many
     """
     nest = tray.nest

@@ -65,7 +65,7 @@ def exact_cover(
 
     Parameters
     ----------
-    rows : (v, m) which elements each row shows
+    rows : (v, m) mask of the elements that each row shows
     costs_s : (v,) costs of each row
     limit_s : only what is cheaper counts
     reduced_s : (v,) lower bound of every cover that has this row, to leave rows out
@@ -118,7 +118,7 @@ class _Left:
 
     Parameters
     ----------
-    table : (v, m) which elements each row shows; each is shown by some row
+    table : (v, m) mask of the elements that each row shows; each is shown by some row
     costs_s : (v,)
     limit_s : only what is cheaper counts
 

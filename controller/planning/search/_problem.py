@@ -215,7 +215,7 @@ def refuted(
     ----------
     problem : left as it is
     regrasps : (from, to) grasps between which no motion was found
-    views : (grasp, view) that cannot be taken
+    views : (grasp, view) views that cannot be taken
     firsts, lasts : grasps that cannot be had at the start, or be finished from
     """
     first_s, regrasp_s, last_s = (

@@ -79,7 +79,7 @@ class Search:
     problem : costs and coverage of the problem
     tables : tables of `make_tables` for that problem and ``max_grasps``
     max_grasps : at most so many in a row, transit included
-    effort : where the search stops short
+    effort : limits at which the search stops
     """
 
     def __init__(self, problem: Problem, tables: Tables, max_grasps: int, effort: Effort) -> None:

@@ -67,7 +67,7 @@ def longer(
     ----------
     sequences : all of one length
     regrasp_s : (n, n)
-    tail_s : (n,) to the finish
+    tail_s : (n,) time to the finish
     room_s : sequences that cost as much with their tail cannot be part of anything better
     known : shorter sequences; a longer one to the same set and last grasp must be cheaper
     most : so many are kept, the cheapest; `left_out_s` is what the others cost at least

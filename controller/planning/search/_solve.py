@@ -36,7 +36,7 @@ def solve(
     ----------
     problem : costs and coverage of the problem
     max_grasps : at most so many in a row, transit included
-    effort : where it stops short; bound and gap are right all the same
+    effort : limits at which it stops; bound and gap are right all the same
     incumbent : a solution known already, of this problem or one much like it; what is no longer
         possible in it is not used
 

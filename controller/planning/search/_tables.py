@@ -119,7 +119,7 @@ def hard_elements(rows: BoolArray, missing: BoolArray, most: int) -> list[int]:
 
     Parameters
     ----------
-    rows : (v, m) which elements each row shows
+    rows : (v, m) mask of the elements that each row shows
     missing : (m,)
     most : at most so many
     """

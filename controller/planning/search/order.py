@@ -31,9 +31,9 @@ def best_order(
 
     Parameters
     ----------
-    start : (d,) where the arm stands
+    start : (d,) first joints of the arm
     options : per stop (k, d), k >= 1, the configurations that serve
-    end : (d,) where it has to go afterwards, None if nowhere
+    end : (d,) final joints of the arm, None for any
     segment_seconds : (..., d) from, (..., d) to -> (...) seconds, broadcasting; or (d,) speeds, of
         which the slowest joint decides
 
@@ -117,7 +117,7 @@ def improved_order(
     ----------
     first : (c,) seconds from where the arm stands to each configuration
     segments : (c, c) from row to column
-    last : (c,) from each to where the arm has to go afterwards; 0 if nowhere
+    last : (c,) cost from each to the arm's final joints; 0 without any
     stop_of : (c,) stop of each configuration, ascending from 0
     """
     n = int(stop_of[-1]) + 1

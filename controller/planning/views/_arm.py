@@ -151,7 +151,7 @@ def hidden_by_boxes(
     boxes : in the world
     T_world_part : (4, 4) pose of the part
     points_mm : (n, 3) samples, CAD frame
-    shown : (n,) which of them are asked about
+    shown : (n,) mask of the boxes to test
     """
     hidden = np.zeros(len(points_mm), dtype=bool)
     (members,) = np.nonzero(shown)

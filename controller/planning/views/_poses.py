@@ -29,7 +29,7 @@ class Showing:
     T_world_part : (v, r, 4, 4), pose of `view_poses`
     inside : (v, r) bool, the whole part is in the picture
     partly : direction -> (r, n) samples in the picture, where no roll has the whole part in it
-    cone : that holds all lines from the camera to the part
+    cone : cone that contains all lines from the camera to the part
     extent : (v, r, k) extent of its samples in the picture each way, of `seen_extent`
     """
 

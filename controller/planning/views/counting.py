@@ -41,10 +41,10 @@ class Sighting:
 
     Attributes
     ----------
-    camera : which looks
+    camera : camera that looks
     sharp_mm : depths between which its picture is sharp
     T_cam_part : (4, 4) pose of the part
-    boxes : that may hide some of it, in the camera's frame
+    boxes : boxes that may hide some of it, in the camera's frame
     """
 
     camera: Camera
@@ -189,9 +189,9 @@ def behind_boxes(p_cam_mm: FloatArray, boxes: Sequence[Box], grow_mm: float) -> 
 
     Parameters
     ----------
-    p_cam_mm : (k, 3) before the camera, in its frame
+    p_cam_mm : (k, 3) point before the camera, in its frame
     boxes : in its frame
-    grow_mm : by which every box is larger on all sides
+    grow_mm : growth of every box on all sides
     """
     hidden = np.zeros(len(p_cam_mm), dtype=bool)
     if not len(p_cam_mm) or not len(boxes):

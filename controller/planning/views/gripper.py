@@ -43,7 +43,7 @@ def hidden_by_gripper(
     ----------
     solid : the part
     samples : n, of its surface
-    visible : (v, n) which are asked about
+    visible : (v, n) mask of those to test
     vectors : (v, 3) unit, from the part to the camera, CAD frame
     distance_mm : distance of the camera from the part's centre of mass
     T_part_tcp : (4, 4) T_part_tcp

@@ -30,12 +30,12 @@ class StringMatch:
 
     Attributes
     ----------
-    model_index : which of the models
+    model_index : index of the model
     turn_rad : in (-pi, pi], from the first axis towards the second
     shift_mm : (2,)
     matched_count : corners and holes of the model found in the object
-    missed_count : those of the model that are not in the object
-    spurious_count : those of the object that are not in the model
+    missed_count : number of features of the model that are not in the object
+    spurious_count : number of features of the object that are not in the model
     error_mm : root mean square distance of the model's outline and holes from the object's
     rank_mm : the error, made worse by what is missed and spurious; the order of matches
     turn_is_free : the object is round, no hole says how it is turned
@@ -305,7 +305,7 @@ def _matched(
     ----------
     mine, my_size : (o, 2), (o,) features of the object
     theirs : of each model the same, and how far sizes can differ
-    moves : (n,) which model, turn as a complex number, shift
+    moves : (n,) index of the model, turn as a complex number, shift
     """
     model, turn, shift = moves
     most = max(len(points) for points, _, _ in theirs)

@@ -62,7 +62,7 @@ class Leaves:
     columns : (n, 2 POINTS + 2) each shape, with what makes a product with one observed half their
         squared distance, below 0: 1 and half its own square
     rank : (n,) their places before that
-    ends : (k + 1,) where leaves begin, and where the last one ends
+    ends : (k + 1,) begins of the leaves, and end of the last one
     mean, basis : (2 POINTS,), (2 POINTS, DIMENSIONS) the directions in which shapes differ most
     low, high : (k, DIMENSIONS) bounds of each leaf's shapes along these
     """
@@ -216,8 +216,8 @@ def observed_stretches(
     Parameters
     ----------
     loops_mm : (n, 2) each, the part to the left
-    own : (n,) of each loop, where it is the part's own
-    wanted : (n,) of each loop, of which a stretch must have half its points
+    own : (n,) masks of the part's own points of each loop
+    wanted : (n,) masks of each loop; a stretch must have half its points in it
     length_mm : length of a stretch
     step_mm : between anchors
     """

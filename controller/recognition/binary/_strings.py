@@ -44,17 +44,17 @@ class BoundaryString:
 
     Attributes
     ----------
-    loop : (k,) which loop a primitive is of: 0 the outline, then the holes
+    loop : (k,) loop of the primitive: 0 the outline, then the holes
     is_arc : (k,)
     start_mm, end_mm : (k, 2) ends of the fitted primitive; the lens rounds what lies between two
-    along_mm : (k,) where it begins, along its loop from the loop's start
+    along_mm : (k,) begin along its loop, from the loop's start
     length_mm : (k,)
     radius_mm : (k,) radius of arcs, positive where they turn left; 0 for lines
     centre_mm : (k, 2) centre of arcs; for lines the middle
     turn_rad : (k,) turned through inside it
     joint_rad : (k,) turn from its end to the start of the next one of its loop
-    corner_along_mm, corner_turn_rad : (c,) of the outline: where its corners are and how far it
-        turns there, positive where the object juts out
+    corner_along_mm, corner_turn_rad : (c,) positions of the outline's corners and their turns,
+        positive where the object juts out
     corner_mm : (c, 2)
     hole_mm : (h, 2) centroids of the holes
     hole_area_mm2 : (h,)
@@ -142,7 +142,7 @@ def model_string(
 
     Raises
     ------
-    NoOutlineError : as `boundary_string`
+    NoOutlineError : as in `boundary_string`
     """
     points = [_sampled(loop, limits.spacing_mm) for loop in view_loops]
     if from_view is not None:

@@ -13,7 +13,7 @@ class BinaryTolerances:
 
     Attributes
     ----------
-    spacing_mm : at which boundaries are sampled; a pixel, finer there is nothing to see
+    spacing_mm : spacing of boundary samples; a pixel, since anything finer is invisible
     corner_box_mm : length of the box-cars on sub-pixel loops, the chords whose turn is a corner:
         0.03 mm of noise over 2 mm turn a chord by 1 degree, and corners 2 mm apart are still two
     corner_turn_rad : a smaller turn is no corner: ten times that noise, less than the 30 degrees

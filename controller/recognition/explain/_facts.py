@@ -54,7 +54,7 @@ class EdgeState:
     Attributes
     ----------
     edges : their samples
-    which : (n,) those that are reported
+    which : (n,) indices of those reported
     found : (n,) where they should be
     need_not_show : (n,) they may be there though they are not seen
     """
@@ -88,7 +88,7 @@ class ObjectFacts:
     features : grey lines, corners and circles, where there is no light table; box pixels
     candidates : the best of the silhouette, symmetric ones once
     matches : matches of each, how its boundary string correlates with the object's
-    chosen : which hypothesis was taken, -1 for none
+    chosen : index of the hypothesis taken, -1 for none
     shown : the one that was taken, or that came nearest; -1 if none was fitted
     scores : (h,) scores of each hypothesis alone: how likely its evidence makes it
     edges : results of the predicted edges of the shown one
@@ -127,8 +127,8 @@ def object_facts(
     Parameters
     ----------
     picture : (h, w) as it was recognised
-    camera : that took it
-    library : by which it was recognised
+    camera : camera that took it
+    library : library used for the recognition
     seen : the result, with a trace of each sighting
     """
     limits = BinaryTolerances.for_pixels(camera.mm_per_px(np.zeros(3)))

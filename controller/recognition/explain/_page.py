@@ -75,8 +75,8 @@ def draw_page(
     Parameters
     ----------
     picture : (h, w) as it was recognised
-    camera : that took it
-    library : by which it was recognised; gives the parts' names
+    camera : camera that took it
+    library : library used for the recognition; gives the parts' names
     seen : the result
     facts : `object_facts` of it
     title : title of the page

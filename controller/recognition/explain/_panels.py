@@ -46,7 +46,7 @@ def window(picture: Grey, camera: Camera, facts: ObjectFacts, side: int) -> Shee
     Parameters
     ----------
     picture : (h, w) the whole one
-    camera : that took it; gives the shape of a pixel
+    camera : camera of the picture; gives the shape of a pixel
     facts : facts of the object
     side : of the canvas, in its pixels
     """

@@ -55,7 +55,7 @@ def stage_tables(
     ----------
     seen : the result of recognition
     facts : `object_facts` of it
-    library : by which it was recognised
+    library : library used for the recognition
     """
     tables = [_segmentation(seen.segmentation), _objects(facts), _survivors(facts, library)]
     for f in facts:

@@ -177,7 +177,7 @@ def write(
     ----------
     canvas : (h, w, 3) drawn on
     text : one line; `plain` replaces what the font has not
-    at : (x, y) of the lower left corner
+    at : (x, y) position of the lower left corner
     colour : blue, green, red
     size : size of the letters, as OpenCV scales its font
     """
@@ -191,7 +191,7 @@ def tag(canvas: Picture, text: str, at: tuple[int, int], colour: Colour) -> None
     ----------
     canvas : (h, w, 3) drawn on
     text : one line
-    at : (x, y) of the upper left corner of the ground, before it is moved
+    at : (x, y) position of the upper left corner of the ground, before it is moved
     colour : colour of the letters: blue, green, red
     """
     height, width = canvas.shape[:2]
@@ -228,8 +228,8 @@ def write_lines(
     ----------
     canvas : (h, w, 3) drawn on
     lines : each a text with its colour; an empty text leaves a line free
-    at : (x, y) of the first one's lower left corner
-    width : at which lines are wrapped, in pixels
+    at : (x, y) position of the first one's lower left corner
+    width : width at which lines are wrapped [px]
     """
     x, y = at
     for text, colour in lines:

@@ -103,28 +103,28 @@ class Evidence:
 
     Attributes
     ----------
-    outline : of the predicted outline that is where it should be
-    explained : of the observed outline, or of the picture's strong edges, that is predicted
-    inner : of the predicted edges inside, by how well they should show, that are there
+    outline : share of the predicted outline that is in place
+    explained : share of the observed outline, or of the picture's strong edges, that is predicted
+    inner : share of the predicted edges inside that is present, weighted by how clearly they should
+        show
     inner_mm : length of these, by how well they should show
-    chance : of such edges placed beside where they are predicted, that are found all the same:
-        marks, dust and grain; known where a pose is compared with others by what is inside, and
-        of a part by itself under several lamps
+    chance : chance of finding such edges beside their predictions: marks, dust and grain; known if
+        a pose is compared with others by its inside, and for a lone part under several lamps
     image_px : length of the picture's strong edges in pixels: in few pixels, chance explains as
         much of them as in many is explained by the right pose alone
     unexplained_mm : length of the longest connected one of the picture's strong and sharp edges
         that nothing predicted is near: a hole, a step or a groove that the part does not have. 0
         under one lamp, where it may be a shadow's
-    inner_explained : of the picture's strong edges inside the part that is predicted
+    inner_explained : share of the picture's strong edges inside the part that is predicted
     image_mm : length of these
-    sigma_px : of the edges found
+    sigma_px : standard deviation of the edges found
     misfit_px : root mean square distance of the predicted outline from what is seen; what is not
         found counts as `FAR_PX`
     outline_mm : length of the predicted outline
     shading : share of the brightness' variation inside that the surfaces' turn explains
     residual : variance of the brightness that is left [grey levels squared]; of several pictures
         the geometric mean
-    area_mm2 : over which that was looked at, in all pictures
+    area_mm2 : area examined, in all pictures
     """
 
     outline: float
@@ -253,7 +253,7 @@ def grey_evidence(
     Parameters
     ----------
     edges : all visible edges at that pose
-    sigma_px : of the fit that found it
+    sigma_px : standard deviation of the fit that found it
     mm_per_px : at the object
     greys : the pictures edges are looked for in; one is enough for an edge
     image_edges : strong edges of the first, about the part
@@ -325,7 +325,7 @@ def _found(off: FloatArray, on: BoolArray, weight: FloatArray) -> tuple[float, f
     Parameters
     ----------
     off : (n,) distance from each predicted edge to the nearest one found [px]
-    on : (n,) which are of the outline
+    on : (n,) mask of those on the outline
     weight : (n,) certainty with which they are visible
     """
     near = off < NEAR_PX

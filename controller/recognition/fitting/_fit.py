@@ -112,7 +112,7 @@ def fit_edges(
     Parameters
     ----------
     model : edges of the part
-    T_world_part : (4, 4) where to begin; within about ``reach_px`` of the truth
+    T_world_part : (4, 4) pose to start from; within about ``reach_px`` of the truth
     camera : calibrated, in the world's frame
     measure : edge finder
     options : range and number of steps, and the free parameters; None for a part that lies level
@@ -231,7 +231,7 @@ def twist(rotation: FloatArray, shift: FloatArray, pivot: FloatArray) -> FloatAr
 
     Parameters
     ----------
-    rotation : (3,) along the axis, as long as the angle [rad]
+    rotation : (3,) rotation vector along the axis [rad]
     shift : (3,) [mm]
     pivot : (3,) point that only the shift moves [mm]; all three in one frame
     """
@@ -273,7 +273,7 @@ def sample_information(step_mm: float, sigma_px: float) -> float:
 
     Parameters
     ----------
-    step_mm : between samples; nearer ones than errors are correlated count for less
+    step_mm : distance between samples; samples nearer than the correlation of errors count for less
     sigma_px : standard deviation of an edge
     """
     return min(1.0, step_mm / CORRELATED_MM) / sigma_px**2

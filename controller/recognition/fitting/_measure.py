@@ -63,10 +63,9 @@ class Measure(Protocol):
 
         Parameters
         ----------
-        pixels : (n, 2) where the points are by now, x before y, in the whole picture
+        pixels : (n, 2) present positions of the points, x before y, in the whole picture
         normals : (n, 2) unit, by now, square to the edge
-        edges : as they were predicted: n samples, with which of them are of the outline and which
-            side is brighter
+        edges : predicted edges: n samples, the mask of the outline, and the brighter side
         reach_px : range of the search along the normal, to both sides
         """
         ...
@@ -154,7 +153,7 @@ class GreyMeasure:
     ----------
     crop : (h, w) grey
     corner_px : (x0, y0) corner of the crop in the picture
-    is_lit : under lamps, where what faces the camera is brighter than what does not
+    is_lit : True under lamps, where surfaces that face the camera are brighter
     others : (h, w) of the same scene, each under one lamp
 
     Attributes
@@ -193,7 +192,7 @@ class GreyMeasure:
         ----------
         pixels, normals : (n, 2) pixels and normals of the predicted points by now, in the whole
             picture
-        edges : as they were predicted; under lamps, which side is brighter decides between two
+        edges : predicted edges; under lamps, the brighter side decides between two
         reach_px : about which edges count less and less; with a short one, no edge is taken by two
             points
         """
@@ -267,7 +266,7 @@ class GreyMeasure:
         Parameters
         ----------
         slope : (k, n) profiles
-        steps : (k,) where their rows are, about 0
+        steps : (k,) positions of their rows, about 0
         edges, reach_px : as `gaps`
         noise : noise of the picture
         """

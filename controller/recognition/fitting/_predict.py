@@ -36,14 +36,14 @@ class EdgePoints:
     Attributes
     ----------
     points_mm : (n, 3) world
-    pixels : (n, 2) where they are seen, lens included
+    pixels : (n, 2) positions in the picture, lens included
     normals : (n, 2) unit, square to the edge in the picture; away from the part on the outline
-    on_outline : (n,) beside it the table is seen
-    lift : (n,) by how much the far side along ``normals`` should be brighter than the near one
-        under light from the camera's side: difference of cosines, the table's left out
+    on_outline : (n,) mask of the edges with the table beside them
+    lift : (n,) expected brightness of the far side along ``normals`` less that of the near one
+        under light from the camera's side: difference of cosines, the table left out
     jump_mm : (n,) depth of one side less that of the other; 0 on the outline
     step_mm : between samples along the edges, square to the sight line
-    edge : (n,) which of the model's edges; empty where it is not known
+    edge : (n,) index of the model's edge; empty if it is unknown
     """
 
     points_mm: FloatArray
@@ -99,7 +99,7 @@ def predict_edges(
     model : edges of the part
     T_world_part : (4, 4) pose of the CAD frame in the world [mm]
     camera : calibrated, in the world's frame
-    most : about so many samples are looked at, those that turn out hidden among them
+    most : approximate number of samples examined, hidden ones included
     """
     eye = _eye(T_world_part, camera)
     is_rim, shows = _rims(model, eye)
@@ -142,7 +142,7 @@ def predict_outline(
     model : edges of the part
     T_world_part : (4, 4) pose of the CAD frame in the world [mm]
     camera : calibrated, in the world's frame
-    most : about so many samples are looked at, those that turn out hidden among them
+    most : approximate number of samples examined, hidden ones included
     min_step_mm : between samples, however few they are
     """
     eye = _eye(T_world_part, camera)

@@ -62,7 +62,7 @@ class SearchLimits:
         lamps, where lines propose others
     least_met, least_predicted : share of its outline by which a view has to meet a backlit one,
         and its part predicted there, to be fitted: of 47 that fit the least were 0.90 and 0.98
-    far_mm : by which a view's place may be off, that its outline is still asked at all
+    far_mm : largest offset of a view's position at which its outline is still tried
     least_coarse : coarse score below which a backlit outline's candidate is fitted in full only
         to say what came nearest: those of right answers had 0.87 and more
     sure_coarse : coarse score from which a candidate is fitted in full at once
@@ -73,8 +73,8 @@ class SearchLimits:
     first_reach_mm : largest offset of a candidate: its position comes from a centroid
     after_outline_mm : largest offset under lamps once the visible outline has been fitted
     slack_mm : less than this, by which a tall part's place may be off, is in that reach already
-    coarse_share : of the best one's coarse score that others need for a full fit
-    overlap_gap : of silhouettes, by which a candidate may fall short of one that fits perfectly
+    coarse_share : share of the best one's coarse score that others need for a full fit
+    overlap_gap : overlap by which a candidate may fall short of one that fits perfectly
     perfect, perfect_px : probability from which, and misfit up to which a fit is perfect
     shift_mm : offset round a coarse fit under lamps at which edges are tried again; 0 for none
     tilt_rad : standard deviation of the table's tilt, and of what a chip under a part makes
@@ -117,7 +117,7 @@ class Hypothesis:
     theta_rad : turn about z from the pose's ``R``
     place_mm : (2,) place of the centre of mass
     fit, evidence : its pose, and the evidence for it
-    probability : that it is right, by itself
+    probability : probability that it is right, by itself
     log_odds : up to a constant, to compare it with other hypotheses about the same object
     overlap : overlap of the silhouettes it was found by, or score of the lines
     source : "outline" or "lines": what proposed it
@@ -150,7 +150,7 @@ def weigh(
     candidates : likeliest first; equal ones are fitted once
     cutout : the object
     camera : calibrated, in the world's frame
-    library : whose parts and stable poses the candidates count
+    library : library of the candidates
     limits : limits of the search
     source : "outline" or "lines": what proposed them, for the record
     """
@@ -223,7 +223,7 @@ def look_inside(
     fine : best first
     cutout : the object
     camera : calibrated, in the world's frame
-    library : whose parts and stable poses the hypotheses count
+    library : library of the hypotheses
     limits : limits of the search
     """
     open_ones = [h for h in fine if h.log_odds > fine[0].log_odds - OUTLINE_DECIDES]
@@ -506,7 +506,7 @@ def judged_within(
     hypotheses : hypotheses of the thing; their fits stay as they are
     cutout : cutout of the same pictures, of which it says what belongs to the thing
     camera : calibrated, in the world's frame
-    library : whose parts the hypotheses count
+    library : library of the hypotheses
     """
     judged = []
     for h in hypotheses:
@@ -526,7 +526,7 @@ def alone_in(
     about : strong edges round the thing
     cutout : cutout of the thing
     camera : calibrated, in the world's frame
-    library : whose parts the hypothesis counts
+    library : library of the hypothesis
     """
     shade = partial(are_shaded, library.model(h.part), h.fit.T_world_part, camera)
     mm = longest_alone_mm(about, h.fit.edges, cutout.mm_per_px, cutout.greys[0], shade)

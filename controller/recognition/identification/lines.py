@@ -53,7 +53,7 @@ def by_sweep(
     crops : (h, w) grey, of several lamps: the brightest of all first, then each lamp's
     corner_px : (x0, y0) corner of the crops in the picture
     thing : (h, w) mask of a region, or of a piece of it
-    free : (h, w) where no other thing is
+    free : (h, w) mask of the area free of other things
     camera : overhead, calibrated
     library : library of the possible parts
     most : of proposals

@@ -84,7 +84,8 @@ def recognise(
     camera : overhead, calibrated
     library : library of the possible parts, made for this camera
     lighting : a light table, lamps above a matt one, or "auto" to tell from the picture
-    usable : (height, width) where parts may lie (the backlit area); elsewhere nothing is seen
+    usable : (height, width) mask of the area for parts (the backlit area); elsewhere nothing is
+        visible
     lit : pictures of the same scene under other lamps. Before a light table they decide what
         silhouettes cannot, parts that lie on others among it; under lamps all pictures are judged
         as one

@@ -78,8 +78,8 @@ def beyond_chance(share: float, chance: float) -> float:
 
     Parameters
     ----------
-    share : of the edges predicted, that is found, 0..1
-    chance : of edges placed anywhere, that would be found, 0..1
+    share : share of the predicted edges that was found, 0..1
+    chance : chance of finding edges placed anywhere, 0..1
     """
     chance = min(chance, MAX_CHANCE)
     return max(share - chance, 0.0) / (1.0 - chance)

@@ -17,7 +17,7 @@ class Alternative:
 
     Attributes
     ----------
-    T_world_part : (4, 4) where that part lies, if it is that
+    T_world_part : (4, 4) pose of the part under this hypothesis
     """
 
     part: str
@@ -82,7 +82,7 @@ class Sighting:
         Parameters
         ----------
         name : name of the part that is expected
-        library : that it was recognised by
+        library : library used for the recognition
         """
         own = next((a for a in self.ambiguous_with if a.part == name), None)
         if self.part is None or self.part == name or own is None:

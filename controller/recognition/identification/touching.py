@@ -65,8 +65,8 @@ def parts_of(
     pictures : pictures of the scene, the backlit one last
     camera : overhead, calibrated
     library : library of the possible parts
-    usable : (height, width) where parts may lie; None for everywhere
-    least_px : of the picture's pixels, below which what is left is no object
+    usable : (height, width) mask of the area for parts; None for everywhere
+    least_px : smallest remaining object [px of the picture]
     limits : limits of the search
     """
     cluster = Cluster(region, camera, usable)

@@ -57,8 +57,8 @@ class Candidate:
     overlap : cosine of the two silhouettes, 0..1
     distance : in the index
     slack_mm : allowance for the offset of its position from the one that the view was made for
-    silhouette : which of the object's it was found by, where it may have several
-    view : which of the index' it is; -1 where it was not found by one
+    silhouette : number of the object's silhouette by which it was found, if there are several
+    view : number of the view in the index; -1 if it was not found by one
     """
 
     part: int
@@ -226,7 +226,7 @@ class ViewIndex:
         turns_each : so many turns of one view at most, for near-symmetric outlines
         within : overlap a turn may fall short of the view's best one
         far : distance in the index beyond which nothing is looked at
-        silhouette : which of the object's this is, for the record
+        silhouette : number of the object's silhouette, for the record
         """
         point = self._point_of(seen)
         distance, nearest = self._tree.query(point, k=min(max_view_count, self.view_count))

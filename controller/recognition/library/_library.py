@@ -143,7 +143,7 @@ def make_entry(
     Parameters
     ----------
     part : compiled
-    station : where it is looked at from
+    station : position of the camera
     min_probability : stable poses that are rarer are left out
 
     Raises

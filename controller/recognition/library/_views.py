@@ -134,7 +134,7 @@ def view_part(
     solid : the part
     poses : its stable poses
     caster : rays against its mesh
-    station : where it is looked at from
+    station : position of the camera
 
     Raises
     ------
@@ -179,7 +179,7 @@ def _places(extents_mm: FloatArray, station: Station) -> list[tuple[FloatArray, 
     Parameters
     ----------
     extents_mm : (3,) extents of the part at rest, along the world's axes at turn 0
-    station : where it is looked at from
+    station : position of the camera
     """
     size = float(np.sqrt(np.prod(extents_mm[:2])))
     shift = float(extents_mm[2]) * station.reach_mm / station.eye_mm

@@ -35,7 +35,7 @@ class Cluster:
     ----------
     region : as it was cut out
     camera : overhead, calibrated
-    usable : (height, width) where parts may lie; None for everywhere
+    usable : (height, width) mask of the area for parts; None for everywhere
     """
 
     def __init__(self, region: Region, camera: Camera, usable: BoolArray | None = None) -> None:
@@ -70,7 +70,7 @@ class Cluster:
 
         Parameters
         ----------
-        which : (m,) of ``points_px``
+        which : (m,) mask of ``points_px``
         """
         named = np.zeros(len(self._own), dtype=np.bool_)
         named[self._own] = which
@@ -203,7 +203,7 @@ class NearestMap:
 
         Parameters
         ----------
-        is_open : (m,) of the outline's points
+        is_open : (m,) mask of the outline's points
         """
         normals = np.where(is_open, self.normals @ np.array([1.0, 1.0j]), 0.0)
         of_cells = np.asarray(normals.astype(np.complex64)[self._nearest].ravel())

@@ -55,8 +55,8 @@ class PartialFit:
     ----------
     candidate, model : candidate, and the model fitted
     fit : its whole predicted outline, covered or not
-    is_found, is_covered : (n,) of the predicted points; neither is contradicted
-    is_beyond : (n,) of the covered ones, those where nothing is known
+    is_found, is_covered : (n,) masks of the predicted points; neither is contradicted
+    is_beyond : (n,) mask of the covered ones without any data
     cluster : cluster it was fitted to
     mm_per_px : at the part
     """
@@ -178,9 +178,9 @@ def fit_partial(
 
     Parameters
     ----------
-    candidate : about where it lies
+    candidate : candidate at about the right pose
     cluster : cluster as seen
-    library : whose parts and stable poses the candidate counts
+    library : library of the candidate
     tilt_rad : standard deviation of the table's tilt
     """
     model = library.model(candidate.part)

@@ -45,7 +45,8 @@ class PartialLimits:
         no less than 0.58 can be found; 81 parts that were named had 0.61 and 0.93 at least
     tilt_rad, rocking_rad : as the search for whole outlines has them
     most_fits : places that are weighed against each other
-    give_up : after so many candidates in turn that do not agree, likelier ones first
+    give_up : number of candidates in a row that do not agree after which the search ends, likelier
+        ones first
     max_rounds : number of rounds in which parts are sought in the unexplained rest
     """
 
@@ -83,7 +84,7 @@ class Explained:
     Attributes
     ----------
     places : the parts that are there
-    left : (h, w) of the cluster's box, what none of the parts covers
+    left : (h, w) mask of the cluster's box that none of the parts covers
     fits : all that agreed with the picture, for the record
     """
 

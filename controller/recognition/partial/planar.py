@@ -63,7 +63,7 @@ def shares_met(
     ----------
     candidates : views, each about where it may lie
     cluster : cluster as seen
-    library : whose views these are
+    library : library of these views
     reach_mm : largest distance between them, plus the uncertainty of their positions
     """
     slack = np.array([c.slack_mm for c in candidates])
@@ -151,10 +151,10 @@ def _met(
 
     Parameters
     ----------
-    outlines : where they are looked for
+    outlines : outlines to search in
     cluster : cluster as seen
     reach_mm : (n,) largest distance between them
-    loose_mm : (n,) by how much an outline may be another one
+    loose_mm : (n,) largest difference of an outline from another one
     """
     seen = cluster.map
     seen_x, seen_y = seen.points.T

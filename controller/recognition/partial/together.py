@@ -32,7 +32,7 @@ def are_one_place(a: Shown, b: Shown, share: float) -> bool:
     Parameters
     ----------
     a, b : fits to one cluster
-    share : of their shadows together, which more than that have to have in common
+    share : share of two shadows in common above which they count as one place
     """
     both = int((a.shadow & b.shadow).sum())
     return both > share * int((a.shadow | b.shadow).sum())
@@ -70,7 +70,7 @@ def best_set(
     ----------
     fits : one of each place
     are_in_one_place : True if two of them exclude each other
-    gain : of a fit by how much it explains that others do not; the more the better
+    gain : gain of a fit: the part of its explanation that others lack
     """
     count = len(fits)
     apart = np.ones((count, count), dtype=np.bool_)

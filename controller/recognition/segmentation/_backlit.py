@@ -35,11 +35,11 @@ def find_backlit(
     ----------
     picture : (height, width) grey
     relative : (h, w) reduced picture over the ground's level, the ground at ``GROUND_BIN``
-    factor : by which the reduced picture is smaller
+    factor : reduction factor of the picture
     ground : the table's level
     white : level of saturated pixels
     cut : relative level of the threshold
-    usable : (height, width) where the table is; None for everywhere
+    usable : (height, width) mask of the table; None for everywhere
     min_area_px : smallest area that is not a speck [px of the picture]
     """
     height, width = picture.shape

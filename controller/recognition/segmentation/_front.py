@@ -61,11 +61,11 @@ def find_front(
     ----------
     picture : (height, width) grey
     reduced, relative : (h, w) the picture ``factor`` times smaller; the same over the ground
-    factor : by which the reduced picture is smaller
+    factor : reduction factor of the picture
     ground : the table's level
     noise : from pixel to pixel
     step : distance of grey levels
-    usable : (height, width) where the table is; None for everywhere
+    usable : (height, width) mask of the table; None for everywhere
     min_area_px : smallest area that is not a speck [px of the picture]
     """
     height, width = picture.shape

@@ -219,7 +219,7 @@ def boxes_of(
     Parameters
     ----------
     candidates : (h, w) 1 where something is
-    factor : by which the reduced picture is smaller
+    factor : reduction factor of the picture
     size_px : (width, height) size of the whole picture, where the boxes end
     margin_px : kept free round each thing, in pixels of the whole picture
     least : pixels of the reduced picture below which something is left out

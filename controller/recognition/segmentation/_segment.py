@@ -46,7 +46,7 @@ def segment(
     ----------
     picture : (height, width) grey, 8 bits or fewer stored in 8
     lighting : "auto" tells dark things before a bright ground from lit things on a table
-    usable : (height, width), where the table is; things that reach beyond are flagged
+    usable : (height, width), mask of the table; things that reach beyond are flagged
     min_area_px : smaller things are dirt; by default a part of the picture's area
 
     Raises

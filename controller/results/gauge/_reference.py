@@ -26,7 +26,7 @@ class Reference:
     Attributes
     ----------
     id : id of the characteristic
-    part : which part; empty for every part
+    part : part; empty for every part
     """
 
     id: str

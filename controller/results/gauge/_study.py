@@ -26,11 +26,11 @@ class Reading:
 
     Attributes
     ----------
-    part, start, grasp : which part, from which start pose, in which grasp; a start pose is known by
-        its name within its part, a grasp within its start pose
-    source : where it was read from, for people
+    part, start, grasp : part, start pose and grasp; a start pose is known by its name within its
+        part, a grasp within its start pose
+    source : source, for people
     characteristics : with their values
-    grasp_of : of each view the number of its grasp, where a reading has several
+    grasp_of : number of the grasp of each view, if a reading has several
     """
 
     part: str
@@ -53,7 +53,7 @@ class CharacteristicGauge:
     study : by part, start pose, grasp and repeat; None for fewer than two values
     looks : single pictures within a grasp, grasps within a measurement; None where not enough
     bias : bias of the means that are independent of each other, from their references; None without
-    U_bias : of the bias, k = 2, that of the references included; None for one mean
+    U_bias : expanded uncertainty of the bias, k = 2, with that of the references; None for one mean
     """
 
     id: str

@@ -22,7 +22,7 @@ class Header:
     part : name of the product
     number : number of the part in its run, from 1
     recipe, recipe_sha256, cad, cad_sha256, cell, cell_sha256 : files, and what was in them
-    calibrated : when each camera was calibrated, by camera
+    calibrated : calibration date of each camera
     calibration : sentences on the calibrations of the cell that did not count; None if unknown
     software : versions by name
     start, end : UTC

@@ -45,7 +45,7 @@ class StripFrame:
     Attributes
     ----------
     near, outside : pictures, as files (PNG)
-    near_words : from where the close-up is taken
+    near_words : viewpoint of the close-up, in words
     """
 
     moment: Moment

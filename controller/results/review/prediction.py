@@ -48,7 +48,7 @@ class Predicted:
     Attributes
     ----------
     level : (height, width) grey
-    known : (height, width) where anything is predicted
+    known : (height, width) mask of the prediction
     """
 
     level: FloatArray
@@ -88,7 +88,7 @@ class Predictor:
 
         Parameters
         ----------
-        view : whose pose was measured
+        view : view with the measured pose
         lamp : lamp of the picture, as in the cell file
         picture : as taken, whole
         window : x0, y0, x1, y1 [px], within the picture

@@ -106,7 +106,7 @@ def find_run(runs_dir: Path, run: str | None = None) -> tuple[Path, str]:
 
     Raises
     ------
-    UnknownRunError, ResultsError : as `load_run`
+    UnknownRunError, ResultsError : as in `load_run`
     """
     if run is not None and (Path(run).parent / JOURNAL_NAME).is_file() and Path(run).is_dir():
         runs_dir, run = Path(run).parent, Path(run).resolve().name

@@ -41,7 +41,7 @@ class DeviceReport:
 
     Attributes
     ----------
-    address : where it was, as resolved at the start
+    address : address as resolved at the start
     identity : identity that it reported; empty if it never answered
     """
 
@@ -193,13 +193,13 @@ class CharacteristicReport:
     ----------
     balloon : its number on the drawing and in the table
     lower, upper : limits of the value itself
-    source : where the limits come from
+    source : source of the limits
     measured, U : value and expanded uncertainty (k = 2); None if it was not evaluated
     verdict : pass, fail, indeterminate or not evaluated
     reason : reason why it stays open, or the limit it exceeds
-    anchors_mm, axis : where it is measured, CAD frame, and the axis of the hole or boss, or the
-        direction of the distance
-    rim_radius_mm, is_hole : of a hole or boss
+    anchors_mm, axis : points of the measurement, CAD frame, and the axis of the hole or boss, or
+        the direction of the distance
+    rim_radius_mm, is_hole : radius of the rim, and True for a hole, False for a boss
     """
 
     id: str
@@ -297,10 +297,11 @@ class DetectionReport:
     Attributes
     ----------
     size_mm : size in question, or the smallest defect of the recipe
-    share : of the surface, of chips and burrs of the sharp edges, on which it would have been found
+    share : share of the surface, or of the sharp edges for chips and burrs, on which it would have
+        been found
     half_mm : the size found on half of that; None for none
     is_asked : the recipe names it
-    open_faces : on less than half of which it would have been found
+    open_faces : faces on less than half of which it would have been found
     """
 
     kind: str
@@ -318,11 +319,11 @@ class VerdictReport:
     Attributes
     ----------
     reasons : most important first
-    compared_fraction : of all surface, compared
-    in_sight_fraction : in sight, compared or not
+    compared_fraction : share of all surface that was compared
+    in_sight_fraction : share in sight, compared or not
     claim : claim: the size looked for on the compared surface
     compared_U : expanded uncertainty (k = 2) of `compared_fraction`; None in runs that did not say
-    found : by kind of defect, what would have been found; empty in runs that did not say
+    found : smallest size found by kind of defect; empty in runs without this record
     """
 
     verdict: str
@@ -370,10 +371,10 @@ class PartReport:
     followed : fate of it according to a later run; None if none records it
     is_counted : this is the part's record; else another run has it, or will have
     tray : the one it was placed in; None if it was not placed
-    nest : of the tray, from 1; None if its parts are not counted
+    nest : nest in the tray, from 1; None if its parts are not counted
     characteristics : in the order of their balloons
     start, end : times of its first and its last row
-    identified : which of the run's recipes it is of, and its number; None if nothing says so
+    identified : recipe of the run that it belongs to, and its number; None if unknown
     left : parts that could not be taken as they lay, before this one was
     reviews : persons' verdicts, oldest first; the last one counts, as a whole
     """
@@ -462,7 +463,7 @@ class RunOutcome:
         journal just stops
     message : message of the end; empty when all went well
     code : stable short name of what happened
-    where : where the part is, as a sentence
+    where : place of the part, as a sentence
     """
 
     end: End

@@ -53,8 +53,8 @@ class RunProof:
     Attributes
     ----------
     row_count, file_count : numbers of rows and files of the run
-    last_seq, last_hash : of the journal; noted elsewhere, they prove later that nothing up to here
-        was written anew
+    last_seq, last_hash : number and hash of the journal's last row; noted elsewhere, they prove
+        later that nothing up to here was rewritten
     """
 
     run_id: str

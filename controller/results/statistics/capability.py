@@ -38,8 +38,8 @@ class Capability:
     Attributes
     ----------
     n : number of values
-    cp, cpk : of the spread from neighbour to neighbour; cp is None for a limit on one side
-    pp, ppk : of the spread of all
+    cp, cpk : capability from the spread between neighbours; cp is None for a limit on one side
+    pp, ppk : capability from the spread of all values
     normality_p : probability of values so far from normal, if they are (Shapiro, Wilk)
     note : caution to be read with the indices
     """

@@ -34,9 +34,9 @@ class RunChart:
 
     Attributes
     ----------
-    mean, lower, upper : of the values, and limits of control
+    mean, lower, upper : mean of the values, and their control limits
     sigma : standard deviation of the process, from the moving ranges
-    mean_range, upper_range : of the moving ranges, and their limit
+    mean_range, upper_range : mean of the moving ranges, and its limit
     signals : rules that are broken
     """
 
@@ -77,7 +77,7 @@ def nelson_signals(values: FloatArray, mean: float, sigma: float) -> tuple[Nelso
     Parameters
     ----------
     values : (n,) in the order measured
-    mean, sigma : of the process
+    mean, sigma : mean and standard deviation of the process
     """
     steps = np.sign(np.diff(values))
     side = np.sign(values - mean)

@@ -29,7 +29,7 @@ class GaugeStudy:
     ----------
     repeatability, setup, interaction, part : variances; the interaction is None if it is not
         more than scatter
-    grr_percent : of the whole spread of the study
+    grr_percent : percentage of the whole spread of the study
     tolerance_percent : six standard deviations of the gauge, of the tolerance; None without one
     ndc : categories of parts that the gauge tells apart
     """

@@ -152,7 +152,7 @@ class UmiModel:
 
         Returns
         -------
-        index, branch : (m,) whose pose, and on which branch, in the order of the poses
+        index, branch : (m,) number of each pose in the order of the poses, and its branch
         q : (m, 6)
         """
         down = np.hypot(T_arm_tcp[:, 0, 0], T_arm_tcp[:, 1, 0]) < VERTICAL

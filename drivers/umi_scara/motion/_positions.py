@@ -165,7 +165,7 @@ class Positions:
 
         Raises
         ------
-        PositionLostError : as `make_sure`
+        PositionLostError : as in `make_sure`
         """
         found = {axis: await axes.read_actual_twice(axis) for axis in axes_in_turn(axes)}
         counts = {axis: found[axis] for axis in Axis}

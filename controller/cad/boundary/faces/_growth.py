@@ -107,8 +107,7 @@ class Grower:
         facets : (k,) the run
         links : all neighbours of each facet of the part
         strips : those across long sides only
-        free : (m,) of all facets, whether one is on no surface yet; those used are marked off in
-            place
+        free : (m,) mask of the facets that are on no surface yet; used ones are marked in place
         """
         if self._failed_runs >= max(FAILED_RUNS, CHANCE_RUNS * self._good_runs):
             return []

@@ -26,7 +26,7 @@ class Pieces:
     ----------
     facets : the m facets of the part
     mesh : the part, CAD frame [mm]
-    is_corner : (t, 3) which of them lie on the surface that is tessellated
+    is_corner : (t, 3) mask of those on the tessellated surface
     tight_mm : largest distance of corners from a surface guessed from few facets; never less than
         `TIGHT_MM`
     """
@@ -97,7 +97,7 @@ class Pieces:
         seed : number of the facet in the middle
         wanted : number of facets wanted
         links : neighbours of each facet of the part
-        free : (m,) of all facets, which may be taken
+        free : (m,) mask of the facets that may be taken
         """
         patch = front = np.array([seed])
         self._tick += 1
@@ -126,7 +126,7 @@ class Pieces:
         primitive : the surface, in the frame of the part
         facets : (k,) numbers of the facets to begin with
         links : neighbours of each facet of the part
-        free : (m,) of all facets, which may be taken
+        free : (m,) mask of the facets that may be taken
         tolerance_mm : largest distance of a corner from the surface
         """
         self._tick += 1

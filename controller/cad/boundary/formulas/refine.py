@@ -106,7 +106,7 @@ def refined(guess: Primitive, points: FloatArray, aim_mm: float = 0.0) -> Primit
 
     Parameters
     ----------
-    guess : where the fit starts; its kind stays
+    guess : start of the fit; its kind stays
     points : (n, 3) in the frame of the guess [mm]
     aim_mm : root mean square distance hoped for: a fit that stays far from it is given up early; 0
         for never

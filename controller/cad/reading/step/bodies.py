@@ -52,8 +52,8 @@ class Body:
     also : names of other bodies of the same shape
     size_mm : (3,) along its own axes
     volume_mm3 : exact
-    occurrences : where it is placed, it and those of its shape
-    product, number : where the kernel has it
+    occurrences : placements of the body and of others with its shape
+    product, number : product and number in the kernel
     shape : the kernel's own format
     """
 
@@ -74,7 +74,7 @@ class Bodies:
     Attributes
     ----------
     distinct : one for each shape, in the file's order
-    others : of these shapes, with names of their own
+    others : further bodies of these shapes, with names of their own
     open_names : products whose surfaces enclose nothing
     unit : unit of length, in the kernel's spelling
     missing : files it names that are not there
@@ -132,7 +132,7 @@ def written(files: References, folder: Path) -> Path:
     Parameters
     ----------
     files : content by name
-    folder : to make for them
+    folder : folder for them; it is made
     """
     folder.mkdir()
     main, *rest = files.found

@@ -102,10 +102,10 @@ class StepPart:
 
     Attributes
     ----------
-    solid : with the file's faces
+    solid : solid with the file's faces
     step_face : (f,) place of each face in the file's own order, from 0; of its first piece where
         the file has it in several
-    edges : with their exact curves
+    edges : edges with their exact curves
     area_mm2 : area of the whole surface
     inertia_mm5 : (3, 3) about the centroid, of density 1
     tolerances : dimensions, geometric tolerances and datums; empty where the file has none
@@ -160,7 +160,7 @@ def read_step_part(
     Raises
     ------
     ManySolidsCadError : it has several bodies, and none is named
-    CadError : as `read_step`
+    CadError : as in `read_step`
     """
     data = _read_text(path)
     check_installed(str(path))
@@ -295,7 +295,7 @@ def _tessellated(
 
     Raises
     ------
-    CadError : as `read_step`
+    CadError : as in `read_step`
     """
     name, content_hash, where = named
     refused: CadError | None = None

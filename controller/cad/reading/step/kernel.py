@@ -41,7 +41,7 @@ class KernelLimits:
     Attributes
     ----------
     time_s : time of computing [CPU s], for a small file; large ones get `SECONDS_PER_MB` more
-    memory_bytes : of data; its libraries, 250 MB, come on top
+    memory_bytes : memory for data; its libraries, 250 MB, come on top
     """
 
     time_s: float = 30.0
@@ -80,7 +80,7 @@ class KernelRun:
     ----------
     program : name of a module of `controller.step_kernel`, or the path of a script
     source : the file
-    out : where the child leaves its arrays
+    out : file for the child's arrays
     arguments : arguments that the program takes after file, output, memory and time
     limits : on memory and time; None for the usual ones
     """

@@ -29,7 +29,7 @@ class United:
     ----------
     count : number of the bodies
     piece_count : number of pieces of what they make; 1 where all touch
-    overlap_mm3 : by how much they run into each other
+    overlap_mm3 : volume of their overlap
     shape : the kernel's own format, in the coordinates of the file
     unit : unit of length, in the kernel's spelling
     """

@@ -30,7 +30,7 @@ class Pieces:
     Attributes
     ----------
     mesh_edge : (n,) edge of the model each is of, in order along it
-    start, end : (n,) where it begins and ends along that edge, 0 to 1 in the plane
+    start, end : (n,) start and end along that edge, 0 to 1 in the plane
     """
 
     mesh_edge: Int32Array

@@ -51,7 +51,7 @@ def find_rings(
     ----------
     model, view : the part and how the eye has it
     rims : (n,) `rim_edges`
-    open_rims : (m,) those of them that may show, to name the outline by
+    open_rims : (m,) the open ones that may be visible, to name the outline by
     rim_tree : search tree over these in the plane
     """
     weld = EDGE_ON_MM * view.scale

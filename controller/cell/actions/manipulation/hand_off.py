@@ -24,7 +24,7 @@ class HandOffAction:
     Attributes
     ----------
     steps, motion, grippers, record : services
-    layout : where the fixed gripper stands
+    layout : layout with the pose of the fixed gripper
     """
 
     steps: PlanSteps

@@ -100,7 +100,7 @@ class DiskWatcher:
 
     Parameters
     ----------
-    folder : on the disk that is watched
+    folder : watched folder, on the disk
     clock : clock of the cell
     free_bytes : returns how much room a folder's disk has
     """

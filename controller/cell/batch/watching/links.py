@@ -78,7 +78,7 @@ class ModbusWatcher:
     ----------
     gripper, lights : the devices
     retries : retries of a reading that does not come
-    beat_s : from one reading to the next [cell s]
+    beat_s : period of readings [cell s]
     clock : clock of the cell
     """
 

@@ -59,9 +59,9 @@ def dry_plan(cell: Cell, pose_index: int, plan: Plan) -> DryPlan:
 
     Parameters
     ----------
-    cell : as far as it is known
+    cell : cell, as far as it is known
     pose_index : index of the stable pose that the plan begins with
-    plan : for a part that is not there
+    plan : plan without a part on the table
     """
     return DryPlan(pose_index, tuple(lift_plan(build_layout(cell), plan)))
 
@@ -157,7 +157,7 @@ class DryOrder:
     plans : to drive
     emulated : report of the emulator about itself; empty without one
     clock : clock of the cell
-    runs_dir, run_id : of the run
+    runs_dir, run_id : folder of runs, and id of the run
     by : name of the operator
     is_stepwise : a person lets each motion begin
     """
@@ -183,7 +183,7 @@ class DrySession:
     operator : answers for a person
     show : takes a line for whoever watches
     build : returns the drivers, given cell, addresses and clock
-    callers : whose orders to stop the supervisor takes while the event loop is late
+    callers : callers whose stop orders the supervisor takes while the event loop is late
     """
 
     def __init__(

@@ -51,7 +51,7 @@ async def path_above(
     Parameters
     ----------
     bench : bench of the step
-    scene : that has to be free
+    scene : scene that has to be free
     place_mm : (3,) in the world
     name : name of the place, as a message begins
     is_folded : whether the elbow may be folded so far that the arm cannot home from there
@@ -89,10 +89,10 @@ async def set_down(
     Parameters
     ----------
     bench : bench of the step
-    path : that ends above it
+    path : path that ends above it
     name : name of the place, as a message begins
     text : instruction for a person
-    order : with the same effect, to an emulated cell
+    order : equivalent order to an emulated cell
 
     Returns
     -------

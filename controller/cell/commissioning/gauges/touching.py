@@ -87,9 +87,9 @@ class Column:
 
     Attributes
     ----------
-    q_ready : (6,) before the plate's end, the jaws clear of it
+    q_ready : (6,) joints before the plate's end, with the jaws clear of it
     lines : joints (k, 6) of each straight line, the last one out again
-    touches : after each line but the last: the place and the face
+    touches : place and face of the touch after each line but the last
     """
 
     q_ready: FloatArray
@@ -104,7 +104,7 @@ def plate_in_fixed(thickness_mm: float, size_mm: tuple[float, float], end_mm: fl
     ----------
     thickness_mm : thickness of the plate
     size_mm : its height, along the approach, and its width
-    end_mm : where its free end is
+    end_mm : position of its free end
     """
     height_mm, width_mm = size_mm
     T = np.eye(4)
@@ -136,7 +136,7 @@ def columns(layout: CellLayout, scene: Scene, end_mm: float) -> list[Column]:
     Parameters
     ----------
     layout : layout of the cell
-    scene : with the plate in it
+    scene : scene with the plate in it
     end_mm : where the plate's free end is, in the fixed gripper's frame
     """
     found = []

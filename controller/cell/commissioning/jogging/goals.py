@@ -47,7 +47,7 @@ def turned_joint(arm: ArmModel, q: FloatArray, number: int, by: float) -> FloatA
 
     Parameters
     ----------
-    arm : whose joints
+    arm : arm concerned
     q : (6,)
     number : number of the joint, from 1
     by : degrees, mm for a slide
@@ -109,7 +109,7 @@ def near_by(layout: CellLayout, q_from: FloatArray, T_world_tcp: FloatArray) -> 
     Parameters
     ----------
     layout : the cell
-    q_from : (6,) where the arm stands
+    q_from : (6,) present joints of the arm
     T_world_tcp : (4, 4), near to where the TCP is
 
     Raises
@@ -182,7 +182,7 @@ def inside_limits(arm: ArmModel, q_from: FloatArray, q_to: FloatArray) -> FloatA
 
     Parameters
     ----------
-    arm : whose limits
+    arm : arm with the limits
     q_from, q_to : (6,) ends of the move; its end is within them
     """
     rows = q_from + np.linspace(0.0, 1.0, _FINE)[:, None] * (q_to - q_from)

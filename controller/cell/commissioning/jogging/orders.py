@@ -51,7 +51,7 @@ class JogOrder:
     Attributes
     ----------
     verb : action of the key
-    what : which motor, joint, direction, gripper or lamp
+    what : motor, joint, direction, gripper or lamp
     amount : mm, degrees, percent or a number; None if none was given
     sign : sign of one step, where no amount was given
     """

@@ -92,7 +92,7 @@ class JogStep:
 
     Attributes
     ----------
-    taken : where the arm stood at the order `take`
+    taken : position of the arm at the order `take`
     """
 
     name = "jog"

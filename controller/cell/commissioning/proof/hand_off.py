@@ -63,7 +63,7 @@ async def hand_off_and_back(
     Parameters
     ----------
     bench : bench of the step
-    held : in the arm gripper
+    held : plate in the arm gripper
     views : configurations (6,) that show it to the inspection camera, tried in turn
     pose_in_jaws : returns T_tcp_plate (4, 4) of a picture
 
@@ -188,7 +188,7 @@ def hand_off_lines(bench: Bench, held: PlateInJaws, scene: Scene) -> list[FloatA
     ----------
     bench : bench of the step
     held : in the arm gripper, for where its far end is
-    scene : with the plate in the arm gripper
+    scene : scene with the plate in the arm gripper
     """
     layout = bench.layout
     if layout.fixed_gripper is None:

@@ -29,8 +29,8 @@ class LengthStudy:
 
     Attributes
     ----------
-    reference_mm : along x and y of the print, by its file
-    off_mm : (n, 2) of each picture, measured less known
+    reference_mm : nominal lengths along x and y of the print, by its file
+    off_mm : (n, 2) error of each picture, measured less known
     bias_mm : mean of all
     repeatability_mm : standard deviation within one camera's pictures
     setup_mm : standard deviation between cameras, beyond what scatter explains

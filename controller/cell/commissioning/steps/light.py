@@ -260,7 +260,7 @@ def panel_mask(camera: Camera, corners_mm: FloatArray) -> BoolArray:
 
     Parameters
     ----------
-    camera : about where it stands
+    camera : rough pose of the camera
     corners_mm : (4, 3) corners of the panel in the world, in order round it
     """
     middle = corners_mm.mean(axis=0)
@@ -283,7 +283,7 @@ async def _time_steady(
     ----------
     bench : the cell
     lamp : name that is switched
-    camera : that sees most of its light
+    camera : camera that sees most of its light
     dark_level : mean grey level of its picture with all lamps off
     drive : setting that it is switched to
     """

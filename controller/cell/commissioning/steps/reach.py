@@ -90,7 +90,7 @@ def judge(bench: Bench, recipe: Path, found: RecipeReach) -> None:
     ----------
     bench : bench of the step
     recipe : its file
-    found : of it
+    found : measured properties of it
     """
     for problem in found.problems:
         bench.evidence.find(f"{recipe.name}: {problem}")

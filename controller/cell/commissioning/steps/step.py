@@ -14,12 +14,12 @@ class Step(Protocol):
 
     Attributes
     ----------
-    name : in one word
+    name : name in one word
     title : result of the step, as a title
     needs : steps that have to be done before it
     uses : calibrations whose values it relies on
     makes : calibrations that it writes; it starts from the drawing's values in their place
-    valid_days : after which it is stale; None for never
+    valid_days : days until it is stale; None for never
     """
 
     @property

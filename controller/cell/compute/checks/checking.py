@@ -64,7 +64,7 @@ class Checked:
 
     Attributes
     ----------
-    poses : those planned ahead
+    poses : poses planned ahead
     problems : one sentence for each reason why it cannot; empty if it can
     characteristics : characteristics to measure on the part, and the capability of this cell
     met_later : stable poses that are planned when a part comes to lie so
@@ -172,7 +172,7 @@ def check_plans(
 
     Parameters
     ----------
-    job : which recipe on which cell
+    job : recipe and cell
     progress : called before each step with what it does
     has_unsteady : plan likely poses in which the part rolls or barely stands as well; that one of
         these has no plan is no problem of the recipe

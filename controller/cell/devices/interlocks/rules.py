@@ -59,7 +59,7 @@ class Violation:
 
     Attributes
     ----------
-    rule : which
+    rule : rule that was violated
     value : value of its requirement: false, or unknown
     unknown : facts of the requirement that are not known
     """
@@ -156,7 +156,7 @@ def first_violation(rules: Iterable[Rule], check: Check, facts: Facts) -> Violat
     Parameters
     ----------
     rules : rules of the cell
-    check : which of them are checked now
+    check : kinds of checks due now
     facts : known facts; a fact that is not given is unknown
     """
     for rule in rules:

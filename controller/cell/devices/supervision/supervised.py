@@ -52,7 +52,7 @@ class Supervised:
     ----------
     devices : some of which can be stopped in our place
     clock : clock of the cell, by which heartbeats are missed
-    clock_path : of its file, where it is shared; empty for the wall clock
+    clock_path : path of its file, if it is shared; empty for the wall clock
     may_move : True if anything may move now
     on_stopped : called with a sentence once the supervisor has stopped the cell, or has ended
     callers : may order a stop meanwhile; None if nobody can call

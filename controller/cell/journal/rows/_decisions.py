@@ -211,7 +211,7 @@ def label_of(
     Parameters
     ----------
     number : number of the part
-    serials, lot : that the run began with
+    serials, lot : serials and lot given at the start of the run
     resumed, identified : the last of these rows of the part, None without
     """
     if identified is not None:

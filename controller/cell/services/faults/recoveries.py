@@ -125,7 +125,7 @@ class Recoveries:
 
         Parameters
         ----------
-        source : which
+        source : source to look up
         reason : description of the event
         """
         demotion = self._record.budgets.fail(source, reason)

@@ -31,7 +31,7 @@ class Resumption:
     labels : labels of this run, some of which parts of the interrupted run have
     accepted : permitted ways to go on; None if the run begins as usual
     source : folder of the interrupted run
-    product : that the part is of
+    product : product that the part belongs to
     """
 
     record: BatchRecord

@@ -138,7 +138,7 @@ class BatchRecord:
 
         Parameters
         ----------
-        product : that it is of
+        product : product it belongs to
         serial, lot : serial and lot of the part; empty if it has none
         """
         part = self.part
@@ -163,7 +163,7 @@ class BatchRecord:
         ----------
         tray : the tray's name
         name : name of the part, as its recipe has it
-        T_world_part : (4, 4) as it was put there
+        T_world_part : (4, 4) pose in which it was put there
         """
         nest = self.trays.next_nest(tray)
         if nest is None:
@@ -218,7 +218,7 @@ class BatchRecord:
         Parameters
         ----------
         grasp : its grasp
-        opening_mm : at which its jaws stand on the part
+        opening_mm : opening of its jaws on the part
         """
         self.note(fixed_hold_row(grasp, opening_mm))
 

@@ -98,7 +98,7 @@ def view_row(
     Parameters
     ----------
     r : the result
-    before : those of the earlier views of the part; faces are counted with them
+    before : results of the earlier views of the part; faces are counted with them
     """
     faces = _faces_compared((*before, r))
     more = {"faces": faces} if faces else {}

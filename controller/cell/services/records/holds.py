@@ -17,7 +17,7 @@ def arm_hold_row(hold: PartInGripper, *, is_expected: bool = False) -> rows.Hold
 
     Parameters
     ----------
-    hold : as it is, or as it will be
+    hold : hold, present or intended
     is_expected : the jaws have not closed yet
     """
     return rows.HoldNoted(
@@ -37,7 +37,7 @@ def fixed_hold_row(grasp: Grasp, opening_mm: float) -> rows.HoldNoted:
     Parameters
     ----------
     grasp : its grasp
-    opening_mm : at which its jaws stand on the part
+    opening_mm : opening of its jaws on the part
     """
     return rows.HoldNoted(
         gripper="fixed",

@@ -46,15 +46,15 @@ class Shown:
 
     Attributes
     ----------
-    hold : in which it was taken, None for a part on the table
-    q : (6,) where the arm stood
-    expected : (4, 4) where the part should have been
+    hold : grasp in which it was taken, None for a part on the table
+    q : (6,) joints of the arm
+    expected : (4, 4) expected pose of the part
     backlit : its picture before the backlight panel
     lamps : lamps of its lit pictures
     is_hold_measured : the expected pose was measured in an earlier view
     T_part_tcp : (4, 4) grasp at that time; None for a part on the table
     task : the result
-    located : where it shows the part, known sooner; None to take it from the result
+    located : pose of the part, known sooner; None to take it from the result
     """
 
     view: str
@@ -76,7 +76,7 @@ class AboveTray:
 
     Attributes
     ----------
-    tray : above which it stands now
+    tray : tray below it now
     started_s : when it set out [cell s]
     """
 
@@ -90,7 +90,7 @@ class PartRecord:
 
     Attributes
     ----------
-    product : which of the batch it is of; None until it was recognised
+    product : product of the batch it belongs to; None until it was recognised
     serial, lot : empty if it has none
     scanned : serial number that was read off it before it was looked at
     pictures, picture_names : pictures and picture names of the last look at the table
@@ -109,7 +109,7 @@ class PartRecord:
     results : results of all views, of earlier plans too
     judged : the views that they are of
     files : files of the pictures of each view, by lamp
-    planned : by view, which samples (n,) it was planned to show
+    planned : mask (n,) of the samples that each view was planned to show
     recoveries : part faults that the cell has set out to recover from
     avoid : ids of grasps that have failed
     short : faces of which too little was compared, and from which grasps

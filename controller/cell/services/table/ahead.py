@@ -45,10 +45,10 @@ class Foreseen:
 
     Attributes
     ----------
-    product : that it is of
+    product : product it belongs to
     one : the part, as it was seen
     around : other objects that the plan avoids
-    turns_deg : of the part and of each neighbour, the turns that nobody can see
+    turns_deg : undetectable turns of the part and of each neighbour
     avoid : grasps that the plan does without
     plan : from there
     """
@@ -119,7 +119,7 @@ def unseen_turn(was: SightingFields, now: SightingFields, turns: Turns) -> float
     Parameters
     ----------
     was, now : the two looks
-    turns : that nobody can see
+    turns : turns that cannot be seen
     """
     if (was.part, was.pose_index, was.is_cut) != (now.part, now.pose_index, now.is_cut):
         return None

@@ -36,8 +36,8 @@ class LabelOrder:
 
     Attributes
     ----------
-    in_order : of all parts, in the order they are worked on
-    listed : of the parts of each recipe by its number, in their order
+    in_order : serials of all parts, in working order
+    listed : serials of the parts of each recipe by its number, in order
     counted_from : the first of numbers that are counted up; empty if none are
     is_read : each is read off its part before that is begun; must be listed where any are
     """
@@ -85,7 +85,7 @@ class Labels:
 
     Attributes
     ----------
-    order : where they come from
+    order : source of the numbers
     operator : reads them off the parts
     used : numbers that parts of this run have
     """
@@ -141,7 +141,7 @@ class Labels:
         Parameters
         ----------
         part : the part at hand
-        product : of which it may be
+        product : product that it may belong to
         """
         if self.order.is_read or self.order.counted_from:
             return None
@@ -154,7 +154,7 @@ class Labels:
         Parameters
         ----------
         part : the part at hand
-        product : that it is of
+        product : product it belongs to
         """
         label = self._label(part, product)
         if label.serial:
@@ -174,7 +174,7 @@ class Labels:
         Parameters
         ----------
         serial : serial of the part that goes on in this run; empty if it has none
-        others : of the other parts of that run
+        others : serials of the other parts of that run
         """
         done = set(others) - {serial}
         self.used |= (done | {serial}) - {""}

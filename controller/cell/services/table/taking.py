@@ -22,7 +22,7 @@ class Taking:
     Attributes
     ----------
     record : record of the batch; gets what is taken
-    labels : which serial number and lot it gets
+    labels : source of its serial number and lot
     left : parts of the batch that cannot be taken as they lie
     ahead : has the next part planned beside the one at hand
     """

@@ -35,7 +35,7 @@ class Disambiguation:
         ----------
         ambiguity : the hypotheses
         hold : corrected where another hypothesis is left
-        q : (6,) where the arm stands
+        q : (6,) present joints of the arm
         backlit, lit : pictures of the view
 
         Raises

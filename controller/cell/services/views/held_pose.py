@@ -34,12 +34,12 @@ class HeldPose:
     Attributes
     ----------
     record : has the hold
-    views : which view was shown last
-    motion : where the arm stands
+    views : views with the one shown last
+    motion : present joints of the arm
     imaging : takes one more picture
     compute : looks for the part in it
     recoveries : whether the cell would still make a new plan for another hold
-    layout : where camera, arm and fixed gripper stand
+    layout : layout with camera, arm and fixed gripper
     """
 
     record: BatchRecord
@@ -82,8 +82,8 @@ class HeldPose:
         Parameters
         ----------
         shown : the view
-        hold : in which it was taken
-        found : where it shows the part
+        hold : grasp in which it was taken
+        found : pose of the part in it
 
         Raises
         ------

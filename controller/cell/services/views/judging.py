@@ -66,10 +66,10 @@ def judge_held(
     ----------
     compute : judges it
     background : queue for questions that do not hold up the arm
-    layout : where camera, arm and fixed gripper stand
+    layout : layout with camera, arm and fixed gripper
     view : its name
-    hold : in which it was taken; learns from the result
-    q : (6,) where the arm stood
+    hold : grasp in which it was taken; learns from the result
+    q : (6,) joints of the arm
     backlit, lit : pictures before the backlight panel, and by lamp
     by_then : grasp as known at that time; None for the one in `hold`
     """
@@ -109,7 +109,7 @@ def judge_on_table(
     compute : judges it
     background : asks it
     view : its name
-    T_world_part : (4, 4) where the part was recognised
+    T_world_part : (4, 4) pose of the part as recognised
     planned : (n,) the samples that count: those that the plan has this view resolve
     backlit, lit : pictures of the light table, and by lamp
     """

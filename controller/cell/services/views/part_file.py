@@ -75,7 +75,7 @@ class PartFile:
         Parameters
         ----------
         part : has the views
-        product : that it is of
+        product : product it belongs to
 
         Raises
         ------
@@ -93,8 +93,8 @@ class PartFile:
 
         Parameters
         ----------
-        part : that they are of
-        product : that it is of
+        part : part that they belong to
+        product : product it belongs to
         views : judged, in the order shown
         """
         body = self._file(part, product, _in_common_holds(views, self.layout))

@@ -32,7 +32,7 @@ class StoredViews:
     record : gets the views as views being judged
     compute : judges them
     background : queue for questions that do not hold up the arm
-    layout : where camera, arm and fixed gripper stand
+    layout : layout with camera, arm and fixed gripper
     folder : folder of this run
     """
 

@@ -46,7 +46,7 @@ class Views:
     record : keeps the results with the part
     compute : judges the pictures
     background : queue for questions that do not hold up the arm
-    layout : where camera, arm and fixed gripper stand
+    layout : layout with camera, arm and fixed gripper
     """
 
     def __init__(
@@ -75,9 +75,9 @@ class Views:
 
         Parameters
         ----------
-        step : that presents it
+        step : step that presents it
         files : by lamp
-        q : (6,) where the arm stands; None for a part on the table
+        q : (6,) joints of the arm; None for a part on the table
         """
         view = self.name(step)
         self._record.note(
@@ -101,8 +101,8 @@ class Views:
         Parameters
         ----------
         view : its name
-        hold : in which it was taken
-        q : (6,) where the arm stood
+        hold : grasp in which it was taken
+        q : (6,) joints of the arm
         backlit, lit : pictures before the backlight panel, and by lamp
         """
         self._last_held = judge_held(

@@ -147,7 +147,7 @@ def hand_off_shares(member: FamilyMember, met: BoolArray) -> tuple[float, float]
     Parameters
     ----------
     member : the part, with its grasps
-    met : (f, base_count) which grasps can meet which of the fixed gripper's
+    met : (f, base_count) mask of the grasps that meet the fixed gripper's
     """
     pairs = (met.T.astype(int) @ met.astype(int)) > 0
     half, wanted = member.base_count, int(member.completes.sum())

@@ -101,7 +101,7 @@ def camera_steps(site: CellSite, step_mm: float, step_deg: float) -> Iterator[Ce
 
     Parameters
     ----------
-    site : to step away from
+    site : site to start the step from
     step_mm : step of the station, along each axis of the world, both ways
     step_deg : step of the side the camera is on, in azimuth and elevation
     """
@@ -120,7 +120,7 @@ def fixed_gripper_steps(site: CellSite, step_mm: float, step_deg: float) -> Iter
 
     Parameters
     ----------
-    site : to step away from
+    site : site to start the step from
     step_mm : along each axis of the world, both ways
     step_deg : about the vertical through the TCP, both ways
     """

@@ -65,7 +65,7 @@ class Contacts:
     ----------
     T : (n, 4, 4) TCP poses, moved along the jaws' axis to midway between both first touches
     touched : (n,) both pads meet the part and neither starts inside it
-    opening : (n,) between the two surfaces that touch
+    opening : (n,) distance between the two surfaces that touch
     area : (n,) mm2 of the smaller contact
     middle : (2, n, 2) centre of each contact in its pad's plane
     radius : (n,) mean distance of the contacts' cells from their centres
@@ -74,7 +74,7 @@ class Contacts:
         the first touch is at the largest
     gradient : (2, n, m, 2) gradient of the height along the pad's two axes; (2, n, 0, 2) if not
         asked for
-    touch : (2, n, m) which cells of the grid carry; first is the pad on +y
+    touch : (2, n, m) mask of the cells of the grid that carry; first is the pad on +y
     """
 
     T: FloatArray
@@ -147,7 +147,7 @@ def close_pads(
     caster : rays against the part's mesh
     face_normals : (t, 3) float32, of the mesh the caster casts on
     T : (n, 4, 4) TCP poses in the part frame; the pads start symmetrically about them
-    gap : (n,) between the surfaces expected to touch
+    gap : (n,) distance between the surfaces expected to touch
     inner : (n,) the pads are the fingers' backs and move apart
     grid : the rays of a pad
     rules : friction and clearance

@@ -48,7 +48,7 @@ def loads(
     grid : the rays of a pad they were closed with
     centroid_mm : (3,) CAD frame
     weight_n : weight of the part
-    force_n : with which the pads press
+    force_n : force of the pads
     inner : (n,) the pads are the fingers' backs
     rules : friction
     gravities : unit vectors (3,) in the TCP frame it may point along; None: whatever the arm's
@@ -122,7 +122,7 @@ def least_load(
     ----------
     d_mm : (n,) from the centre of mass to the jaws' axis
     weight_n : weight of the part
-    force_n : with which the pads press
+    force_n : force of the pads
     grid : the rays of a pad; gives its size
     rules : friction
     """

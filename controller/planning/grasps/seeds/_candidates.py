@@ -43,7 +43,7 @@ def candidates(
     Parameters
     ----------
     solid : the part
-    seeds : where to try
+    seeds : seeds to try
     jaw : the gripper that is to hold it
     downs : (k, 3) unit, the way down in the CAD frame, of each stable pose
     rules : number of approaches, and the opening to keep

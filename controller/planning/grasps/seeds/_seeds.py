@@ -34,7 +34,7 @@ class Seeds:
     inner : (n,) the jaw spreads between them
     samples : samples of the part's surface
     face_pairs : number of exactly opposed pairs of planar faces
-    widest_mm : of jaws these seeds are for
+    widest_mm : widest opening of the jaws for these seeds
     """
 
     middle: FloatArray

@@ -89,8 +89,8 @@ def with_directions(
     Parameters
     ----------
     table : table of the samples
-    vectors : (k, 3) to be added
-    solid, samples, caster, rules : as `look_out`
+    vectors : (k, 3) vectors to add
+    solid, samples, caster, rules : as in `look_out`
     """
     if len(vectors) == 0:
         return table
@@ -245,7 +245,7 @@ def hidden_ones(
     samples : n, of its surface
     caster : rays against its mesh
     rules : camera distance, and the limits on a surface's incidence
-    directions : (v, 3) those that plans choose from
+    directions : (v, 3) directions for plans to choose from
     """
     n = len(samples.points_mm)
     left = np.arange(n)
@@ -292,7 +292,7 @@ def directions_into_wedges(
     samples : n, of its surface, that no direction known so far shows
     caster : rays against its mesh
     rules : camera distance, and the limits on a surface's incidence
-    worth : (n,) of each sample; directions that show less than 1 in all are left
+    worth : (n,) worth of each sample; directions worth less than 1 in all are dropped
     """
     n = len(samples.points_mm)
     if n == 0:
@@ -308,7 +308,7 @@ def most_worth(shows: BoolArray, worth: FloatArray) -> list[int]:
 
     Parameters
     ----------
-    shows : (r, n) which row shows what
+    shows : (r, n) mask of what each row shows
     worth : (n,) of what is shown
     """
     table, left = shows.astype(np.float64), worth.copy()

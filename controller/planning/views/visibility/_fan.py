@@ -72,7 +72,7 @@ def eyes_along(
     Parameters
     ----------
     solid : the part, its centre of mass in the middle of the sphere
-    points : (n, 3) where the lines begin, CAD frame [mm]
+    points : (n, 3) start of the lines, CAD frame [mm]
     along : (n, 3) unit, the directions of the lines
     rules : camera distance
     """

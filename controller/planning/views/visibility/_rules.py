@@ -21,11 +21,11 @@ class VisibilityRules:
 
     Attributes
     ----------
-    distance_mm : from the camera to the station
-    tilt_rad : between the camera's axis and the line to the station
+    distance_mm : distance from the camera to the station
+    tilt_rad : angle between the camera's axis and the line to the station
     focal_px : the smaller one of both axes
     sharp_mm : depths along the axis between which the picture is sharp
-    max_incidence_rad : between a surface's normal and the sight line
+    max_incidence_rad : largest angle between a surface's normal and the sight line
     min_px_per_mm : along the surface in the worse direction, foreshortening included
     """
 

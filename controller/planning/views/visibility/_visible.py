@@ -81,7 +81,7 @@ def free_sight_lines(
     ----------
     samples : n, of the surface, CAD frame
     caster : rays against the part's mesh
-    asked : (v, n) which are looked at; the others are False
+    asked : (v, n) mask of those to test; the others are False
     eyes : (v, 3) positions of the camera, CAD frame [mm]
     """
     eye, member = np.nonzero(asked)
@@ -128,7 +128,7 @@ def first_met(caster: RayCaster, start: FloatArray, eyes: FloatArray) -> IntArra
     ----------
     caster : rays against the part's mesh, CAD frame
     start : (n, 3) just off the surface [mm]
-    eyes : (n, 3) where the lines end [mm]
+    eyes : (n, 3) ends of the lines [mm]
     """
     triangle, along = caster.first_hit(start, eyes - start, np.ones(len(start)))
     return np.where(along < 1.0, triangle, -1).astype(np.int64)

@@ -18,9 +18,9 @@ class Corners:
 
     Attributes
     ----------
-    positions : (n, 2) where the two lines meet
+    positions : (n, 2) intersection of the two lines
     lines : (n, 2) their numbers
-    ends : (n, 2) which end of each, 0 or 1
+    ends : (n, 2) index of the end of each, 0 or 1
     angles_rad : (n,) between them, 0..pi
     """
 

@@ -28,7 +28,7 @@ class Edgelets:
     directions_rad : (n,) along the edge, 0..pi
     lengths_mm : (n,)
     strengths : (n,) 0..1, 1 for plain edges of this picture
-    bends_rad : (n,) by how much the edge's direction at its ends is off that of its middle
+    bends_rad : (n,) deviation of the edge's direction at its ends from that of its middle
     """
 
     points_mm: FloatArray

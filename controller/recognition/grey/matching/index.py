@@ -31,7 +31,7 @@ class FeatureIndex:
     packed : (5, views, k) of the edgelets of `ModelFeatures`, weight 0 where there are fewer
     steps : (5, 1, 1) unit of each row of ``packed``
     totals, asked_totals : (views,) their weights' sum, and of those that coarse scores ask for
-    hulls : (views, 7) of `hull_of`, and how far it moves with the part
+    hulls : (views, 7) hull of `hull_of`, and its motion with the part
     reach_mm : (views,) half the diagonal of a view about its origin
     """
 

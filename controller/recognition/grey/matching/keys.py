@@ -30,9 +30,9 @@ class Frames:
     Attributes
     ----------
     keys : (n, d) invariants, in tolerances
-    points : (n, 2) where
+    points : (n, 2) positions of the points
     spread : (n,) rate at which that changes as the part moves
-    turns_rad : (n,) which way
+    turns_rad : (n,) directions
     weights : (n,) weight by distinctiveness
     model : (n,) model of which view
     """

@@ -48,9 +48,9 @@ def swept(
     ----------
     shown : edges of the thing and about it under each lamp, table plane [mm]: an edge of a view is
         there if one lamp shows it
-    clear : those that are no shadows, which a view has to explain
+    clear : mask of the edges that are no shadows, which a view has to explain
     index : the library's views
-    turns_rad : (views,) by how much each may be turned before it looks the same; 0 for a round one
+    turns_rad : (views,) smallest turn that leaves each unchanged; 0 for a round one
     box_mm : (2, 2) lowest and highest x and y of the thing, or of a piece of it
     foot_mm : the point of the table plane below the camera, which tall parts lean away from
     most : hypotheses returned

@@ -53,7 +53,7 @@ def chosen(fits: Sequence[LitFit], search: Search, library: Library) -> list[Pla
     ----------
     fits : all that may be there
     search : weighs them
-    library : whose parts and stable poses the fits count
+    library : library of the fits
     """
     every = search.cluster.image_edges.every
 

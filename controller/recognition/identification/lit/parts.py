@@ -62,8 +62,8 @@ def parts_of_lit(
         others
     camera : overhead, calibrated
     library : library of the possible parts
-    usable : (height, width) where parts may lie; None for everywhere
-    least_px : of the picture's pixels, below which what is left is no object
+    usable : (height, width) mask of the area for parts; None for everywhere
+    least_px : smallest remaining object [px of the picture]
     limits : limits of the search
     known : parts of it that lie flat on the table, as a look before a light table names them
     """
@@ -313,7 +313,7 @@ def held(
     fits : all that may be there
     places : `chosen` of them
     search : search of the cluster
-    library : whose parts and stable poses the fits count
+    library : library of the fits
     """
     while True:
         there = [place.fit for place in places]

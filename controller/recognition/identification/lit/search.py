@@ -87,7 +87,7 @@ class Search:
     pictures : (height, width) under lamps; of several the first is the brightest of the others
     camera : overhead, calibrated
     library : library of the possible parts
-    usable : (height, width) where parts may lie; None for everywhere
+    usable : (height, width) mask of the area for parts; None for everywhere
     limits : as for a part by itself
     """
 
@@ -115,7 +115,7 @@ class Search:
 
         Parameters
         ----------
-        pieces : in which parts are looked for
+        pieces : pieces in which parts are sought
         is_first : lines of the whole cluster are asked once; afterwards pieces may be whole parts
         """
         found: list[Proposed] = []
@@ -417,7 +417,7 @@ def tipped(
     model : model of the part
     T : T_world_part before
     towards : (2,) unit direction on the table, of the side that is lifted
-    tilt_rad : by which the part is turned
+    tilt_rad : angle by which the part is turned
     camera : overhead
     """
     before, _ = _middle_and_reach(model, T)
