@@ -4,19 +4,15 @@ Nine numbers a triangle are 90 MB at 1.2 million triangles, and each step of a f
 many again. Computations per triangle are therefore done in chunks; the results are the same.
 """
 
-import ctypes
-import gc
 from collections.abc import Iterator
-from contextlib import suppress
 
 import numpy as np
 import trimesh
 
 from controller.arrays import FloatArray, IntArray
+from controller.memory import give_back
 
 AT_ONCE = 100_000  # rows of a chunk: 7 MB of corners
-M_MMAP_THRESHOLD = -3  # of glibc's malloc.h
-OWN_PAGES_BYTES = 1 << 20
 LASTING = ("face_normals", "area_faces")  # trimesh's cached arrays that are kept
 
 # trimesh's cached neighbours, kept from one stage of the compile to the next.
@@ -59,17 +55,3 @@ def drop_derived(mesh: trimesh.Trimesh, *kept: str) -> None:
         del cache.cache[name]
     if len(mesh.faces) > AT_ONCE:
         give_back()
-
-
-def give_back() -> None:
-    """Return free memory to the system that the allocator would keep in pieces.
-
-    From then on arrays of a megabyte have pages of their own, which go back when they do: the
-    allocator would take them from its heap once it has seen larger ones, and the heap of a large
-    mesh is full of holes.
-    """
-    gc.collect()  # trimesh's meshes hold themselves in circles
-    with suppress(AttributeError, OSError):  # another C library than glibc
-        library = ctypes.CDLL(None)
-        library.mallopt(M_MMAP_THRESHOLD, OWN_PAGES_BYTES)
-        library.malloc_trim(0)

@@ -8,10 +8,11 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from controller.arrays import BoolArray, FloatArray, Int32Array, IntArray
+from controller.memory import give_back
 
 from .boundary import Boundary, Face, find_boundary, search_faces
 from .errors import CoordinatesCadError, EmptyCadError, LargeCadError, UnitCadError
-from .large import ADJACENCY, AT_ONCE, drop_derived, give_back
+from .large import ADJACENCY, AT_ONCE, drop_derived
 from .soundness import check_soundness
 from .stages import OnStage, no_stage
 from .welding import weld

@@ -13,6 +13,7 @@ import trimesh
 
 from controller.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from controller.imaging import RayCaster
+from controller.memory import give_back
 
 from .errors import (
     InsideOutCadError,
@@ -21,7 +22,7 @@ from .errors import (
     SelfIntersectingCadError,
 )
 from .graph import components
-from .large import AT_ONCE, drop_derived, give_back, spans
+from .large import AT_ONCE, drop_derived, spans
 
 TOUCH_MM = 1e-3  # ten times what corners are merged at: merging may fold a sliver over
 FLOAT32_ULPS = 32.0  # STL keeps seven digits, which is more than TOUCH_MM on a part of metres

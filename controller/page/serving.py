@@ -14,6 +14,8 @@ from typing import Any, Final
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from controller.memory import map_large_arrays
+
 from .app import Page, build_app, build_screens
 from .frame.screens import Setting
 from .frame.visit import Frame
@@ -198,6 +200,7 @@ def serve(app: Page, serving: Serving, ready: Callable[[], None]) -> None:
     ------
     OSError : certificate or key cannot be read
     """
+    map_large_arrays()
     server_of(app, serving, ready).run()
     # the process ends now: nothing is gained by looking through all its objects once more, which
     # takes seconds on a busy machine

@@ -10,9 +10,10 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from controller.arrays import FloatArray, IntArray
+from controller.memory import give_back
 
 from ..graph import components
-from ..large import AT_ONCE, give_back
+from ..large import AT_ONCE
 
 SINGLE = float(np.finfo(np.float32).eps)  # STL files hold single precision
 BLUR = 8.0  # in single precisions: how far corners of one plane stray from it

@@ -10,6 +10,7 @@ from typing import Final, Protocol
 
 from controller.cell.journal import JOURNAL_NAME, JournalError
 from controller.history import HistoryError, fill, folded, open_store
+from controller.memory import map_large_arrays
 from controller.results import ResultsError
 from controller.results.review import CROPS, Crop, PartCrops, jpeg
 
@@ -29,6 +30,7 @@ def begin() -> None:
     A run on the same machine goes before it.
     """
     os.nice(NICENESS)
+    map_large_arrays()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     page = multiprocessing.parent_process()
     if page is not None:
