@@ -47,7 +47,7 @@ class Pool:
 
 
 def jobs_among(text: str | None) -> Jobs:
-    """Parse ``--jobs``: a number, ``all``, or the address of a Dask scheduler.
+    """Return the value of ``--jobs``: a number, ``all``, or the address of a Dask scheduler.
 
     Raises
     ------

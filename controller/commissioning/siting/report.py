@@ -199,12 +199,12 @@ def _close(a: CellSite, b: CellSite, mm: float = 100.0, deg: float = 30.0) -> bo
 
 
 def camera_words(site: CellSite) -> str:
-    """Describe the direction and the target point of the camera."""
+    """Return the direction and the target point of the camera, in words."""
     return f"look along {along(site.looks_along)} at {_at(site.station_mm)}"
 
 
 def fixed_gripper_words(T: FloatArray) -> str:
-    """Describe the position and direction of the fixed gripper's fingertips."""
+    """Return position and direction of the fixed gripper's fingertips, in words."""
     return (
         f"stand with its tips at {_at(T[:3, 3])}, pointing along {along(T[:3, 0])}, "
         f"its jaws closing along {along(T[:3, 1])}"

@@ -176,7 +176,7 @@ class Sensor:
             self._able()
 
     def advance(self, now_s: float) -> float | None:
-        """Advance; see `V4l2Device.advance`."""
+        """Return the result of `V4l2Device.advance`; see there."""
         self._finish_flights()
         with self._lock:
             if self._able_since_s is None:
@@ -220,7 +220,7 @@ class Sensor:
                 self._able()  # whoever sleeps has an instant to wait for
 
     def abandon(self, ticket: Hashable) -> None:
-        """Abandon; see `V4l2Device.abandon`."""
+        """Abandon a picture; see `V4l2Device.abandon`."""
         with self._lock:
             flight = self._flight_of(ticket)
             if flight is None:
