@@ -1,7 +1,8 @@
-"""Takes the README's pictures: an emulated run, its page and its report, in Chromium.
+"""Takes the pictures of README and report: an emulated run, its page, its report, in Chromium.
 
-``python docs/pictures/make.py`` from a checkout with ``pip install -e '.[dev]'`` and Chromium at
-/usr/bin/chromium; a few minutes. Look at the three files before they are committed.
+``python docs/pictures/make.py`` from a checkout with ``pip install -e '.[dev]'``, Chromium at
+/usr/bin/chromium and poppler's pdftoppm; a few minutes. Look at the four files before they are
+committed.
 """
 
 import json
@@ -24,11 +25,14 @@ RUN = ("run", "holder", "--count", "1", "--seed", "7", "--speed", "1", "--json")
 VIEW_COUNT = 4  # views of the part on the page when the pictures are taken: the arm still holds it
 PATIENT_MS = 900_000  # a guard against a hang, no measure
 DRAWN_MS = 3000  # for WebGL in software to draw the scene
+PACKED = {".png": (cv2.IMWRITE_PNG_COMPRESSION, 9), ".jpg": (cv2.IMWRITE_JPEG_QUALITY, 70)}
 MAX_BYTES = 200_000  # of one picture: a README loads at once
 NEARER_COUNT = 3  # steps of the scene's zoom
 SCENE_WIDTH, SCENE_HEIGHT = 1000, 640
 NOW_WIDTH, NOW_HEIGHT = 1440, 860
 REPORT_WIDTH, REPORT_HEIGHT = 1100, 1050
+PAPER_DPI = 62  # of the printed pages, of which three stand beside each other
+PAPER_BORDER_PX = 4
 
 
 def main() -> None:
@@ -49,6 +53,7 @@ def main() -> None:
                 take_now(tab)
             report = next(events(run, "result"))["report"]
         take_report(tab, Path(report))
+        take_paper(tab, Path(folder))
         browser.close()
 
 
@@ -60,6 +65,22 @@ def take_report(tab: Page, report: Path) -> None:
         "title => { title.scrollIntoView(); window.scrollBy(0, -0.5 * window.innerHeight); }"
     )
     keep("report.png", tab.screenshot())
+
+
+def take_paper(tab: Page, folder: Path) -> None:
+    """Take the pages of the report as they are printed, beside each other."""
+    tab.pdf(path=folder / "paper.pdf", prefer_css_page_size=True, print_background=True)
+    command = ("pdftoppm", "-r", str(PAPER_DPI), "-png", "paper.pdf", "paper")
+    subprocess.run(command, cwd=folder, check=True)
+    pages = [cv2.imread(str(file)) for file in sorted(folder.glob("paper-*.png"))]
+    width = PAPER_BORDER_PX
+    framed = [
+        cv2.copyMakeBorder(page, *(width,) * 4, cv2.BORDER_CONSTANT, value=(160, 160, 160))
+        for page in pages
+        if page is not None
+    ]
+    _, packed = cv2.imencode(".png", np.hstack(framed))
+    keep("report_pages.jpg", packed.tobytes())
 
 
 def take_now(tab: Page) -> None:
@@ -84,7 +105,7 @@ def take_now(tab: Page) -> None:
 
 
 def keep(name: str, picture: bytes) -> None:
-    """Write a picture, packed as small as PNG packs it.
+    """Write a picture as PNG or JPEG, by its suffix, packed small.
 
     Raises
     ------
@@ -92,7 +113,8 @@ def keep(name: str, picture: bytes) -> None:
     """
     pixels = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
     assert pixels is not None  # Chromium has just written it
-    _, packed = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    suffix = Path(name).suffix
+    _, packed = cv2.imencode(suffix, pixels, PACKED[suffix])
     (PICTURES / name).write_bytes(packed.tobytes())
     if packed.size > MAX_BYTES:
         raise SystemExit(f"{name}: {packed.size} bytes, at most {MAX_BYTES}")
