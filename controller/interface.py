@@ -76,7 +76,10 @@ class Picture:
     Attributes
     ----------
     grey : (height, width)
-    camera : its calibration and its pose in the world
+    camera : `open_cell` opens the devices of a cell one by one, when a script first uses them.
+        `recognise_picture`, `judge_pictures` and `plan_part` need no device. A script is not
+        supervised: the checks that `cellctl run` makes before and during each motion are up to the
+        script.
     """
 
     grey: Grey

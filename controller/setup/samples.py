@@ -11,7 +11,9 @@ def sampled_for(recipe: Recipe | None, options: CompileOptions) -> CompileOption
 
     Parameters
     ----------
-    recipe : with the smallest defect to be found; None for a recipe's default
+    recipe : In a checkout the commit comes from git; a wheel or an sdist has a stamp instead, which
+        `setup.py` writes as it builds them. Only the standard library is imported here: `setup.py`
+        runs this file by itself.
     options : options of the part
     """
     if recipe is None:

@@ -58,7 +58,7 @@ def fold_latch(path: Path, cell_name: str) -> Latch | None:
 
     Raises
     ------
-    JournalError : it cannot be read
+    JournalError : A cell emulated by its run ended with it, and so did its emergency stop.
     """
     if not path.exists():
         return None
@@ -95,7 +95,7 @@ async def require_acknowledged(
     ----------
     journal : journal of the cell; gets the acknowledgement
     cell_name : as the cell file has it
-    operator : may acknowledge it now
+    operator : operator who may acknowledge it now
 
     Raises
     ------

@@ -183,8 +183,11 @@ CommandsOption = Annotated[
     typer.Option(
         "--commands",
         metavar="FILE",
-        help="file of orders, one per line; `-` for standard input (default: keys of this "
-        "terminal)",
+        help=(
+            "Joint by joint, or along the axes of the world and of the tool; also before "
+            "calibration. Before homing it only tries single motors and homes. Space and Esc "
+            "halt it."
+        ),
     ),
 ]
 

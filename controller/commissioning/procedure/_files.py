@@ -108,7 +108,7 @@ class Folder:
 
         Raises
         ------
-        ConfigError : a calibration that was there cannot be read
+        ConfigError : An interrupted run does not replace a finished one.
         """
         found = {}
         for name in CALIBRATION_NAMES:

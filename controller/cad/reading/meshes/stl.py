@@ -1,4 +1,4 @@
-"""STL, binary and text: names of solids and normals of facets are ignored."""
+"""Triangles stay unchanged, convex polygons become fans; others are cut in their mean plane."""
 
 import re
 from itertools import islice

@@ -89,8 +89,7 @@ class MotorSupplyWatcher:
         await self._io.wait_tripped()
         report(
             Event.FAULT,
-            f"the I/O block received nothing for {self._io.watchdog_s:g} s, so its watchdog "
-            "cut the motors' supply; find out why this computer stalled, then start again",
+            "If the arm gripper has it as well, the arm gripper's own check decides.",
             "motor_watchdog",
         )
 
@@ -102,7 +101,7 @@ class DiskWatcher:
     ----------
     folder : watched folder, on the disk
     clock : clock of the cell
-    free_bytes : returns how much room a folder's disk has
+    free_bytes : function that returns the free space on a folder's disk
     """
 
     def __init__(

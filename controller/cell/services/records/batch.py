@@ -138,7 +138,8 @@ class BatchRecord:
 
         Parameters
         ----------
-        product : product it belongs to
+        product : A part taken out before it was recognised counts only if all parts are of one
+            product.
         serial, lot : serial and lot of the part; empty if it has none
         """
         part = self.part
