@@ -76,10 +76,7 @@ class Picture:
     Attributes
     ----------
     grey : (height, width)
-    camera : `open_cell` opens the devices of a cell one by one, when a script first uses them.
-        `recognise_picture`, `judge_pictures` and `plan_part` need no device. A script is not
-        supervised: the checks that `cellctl run` makes before and during each motion are up to the
-        script.
+    camera : its calibration and its pose in the world
     """
 
     grey: Grey

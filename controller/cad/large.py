@@ -13,10 +13,7 @@ from controller.arrays import FloatArray, IntArray
 from controller.memory import give_back
 
 AT_ONCE = 100_000  # rows of a chunk: 7 MB of corners
-# From then on arrays of a megabyte have pages of their own, which are returned when they are freed:
-# the allocator would take them from its heap once it has seen larger ones, and the heap of a large
-# mesh is full of holes.
-LASTING = ("face_normals", "area_faces")
+LASTING = ("face_normals", "area_faces")  # trimesh's cached arrays that are kept
 
 # trimesh's cached neighbours, kept from one stage of the compile to the next.
 ADJACENCY = ("face_adjacency", "face_adjacency_edges", "face_adjacency_angles")

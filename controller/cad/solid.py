@@ -21,8 +21,7 @@ MM_PER_INCH = 25.4
 MM_PER_M = 1000.0
 SMALLEST_MM = 1.0  # longest side below which no jaw can hold a part
 SENSIBLE_MM = (10.0, 2000.0)  # longest side of a part whose file names no unit
-# A compiled part sets its stored normals and areas here, and likewise its boundary.
-FARTHEST_MM = 1e5
+FARTHEST_MM = 1e5  # single precision there is 0.01 mm, as coarse as what is inspected
 SENSELESS_MM = 1e7  # size that no unit explains
 MAX_TRIANGLES = 2_000_000
 HULL_OPTIONS = "QbB Pp Qt"  # scaled to a cube, without warnings, in triangles
@@ -195,7 +194,7 @@ def solid_of(
     merged : as `merge_corners` has it
     name, content_hash, where, faces, face_of_triangle, unit, unit_is_declared, density_g_cm3 : as
         in `make_solid`
-    on_stage : callback, called with the name of each stage as it begins
+    on_stage : called with the name of each stage as it begins
 
     Raises
     ------

@@ -45,9 +45,8 @@ class FaultStep(Section):
     Attributes
     ----------
     do : the action
-    times : The cell file has the policy of the cell, a recipe replaces single classes of it. A
-        class has a list of actions: each is taken a set number of times, then the next one; the
-        last one ends the list.
+    times : number of times for one part before the next action of the list; no limit for an action
+        that ends the list
     delay_s : wait so long before it [cell s]
     """
 

@@ -12,7 +12,7 @@ from .tables import CHARACTERISTICS, MEASUREMENTS, PARTS, RUNS
 
 
 def recipes_in(store: Store) -> tuple[str, ...]:
-    """The alarm at the end of a run has a row of its own only if no event has it.
+    """Return the names of all recipes that parts are of, in their order.
 
     Raises
     ------

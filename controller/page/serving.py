@@ -37,8 +37,7 @@ class Serving:
     Attributes
     ----------
     host, port : address of the server
-    cert, key : With too many connections, of one address or in all, the one that has been idle for
-        longest is closed as well; without an idle one, the new one is.
+    cert, key : files of the certificate and its key, None for plain HTTP
     proxies : addresses of reverse proxies whose word on the browser's address counts
     """
 

@@ -11,9 +11,7 @@ def sampled_for(recipe: Recipe | None, options: CompileOptions) -> CompileOption
 
     Parameters
     ----------
-    recipe : In a checkout the commit comes from git; a wheel or an sdist has a stamp instead, which
-        `setup.py` writes as it builds them. Only the standard library is imported here: `setup.py`
-        runs this file by itself.
+    recipe : with the smallest defect to be found; None for a recipe's default
     options : options of the part
     """
     if recipe is None:

@@ -10,9 +10,7 @@ from typing import Any, Final
 from .ending import RefusalError
 from .shapes import shapes_of, xyz
 
-# A face with one border gets a lid, one with two (a cone, a bore) a band. The solid's volume and
-# inertia are then computed from its triangles, since the kernel's integrals include that face.
-SAMPLE_COUNT: Final = 24
+SAMPLE_COUNT: Final = 24  # points along each edge
 PRECISION_MM: Final = 1e-6
 DIRECTION_COUNT: Final = 36
 

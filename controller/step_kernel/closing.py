@@ -100,16 +100,7 @@ def _lid(vertices: Any, loop: list[int]) -> Any:  # noqa: ANN401
                 del left[k]
                 break
         else:
-            raise RefusalError(
-                "OpenCadError",
-                (
-                    "The kernel's own bound on the distance of triangles from a curved face does "
-                    "not hold: balls exceed it by a factor of two, and some borders by thirteen; "
-                    "rings are divided many times finer than needed. So faces are divided "
-                    "coarsely, each is measured, and those beyond the tolerance are divided again, "
-                    "along the same points of their edges."
-                ),
-            )
+            raise RefusalError("OpenCadError", "has a gap whose border crosses itself")
     cut.append((left[0], left[1], left[2]))
     return np.array(loop)[np.array(cut)]
 

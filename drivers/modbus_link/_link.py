@@ -82,8 +82,7 @@ class _Memory:
 
     ready_at_s: float = 0.0
     quiet_until_s: float = 0.0
-    # unanswered requests, with their times
-    owed: list[tuple[Request, float]] = field(default_factory=list)
+    owed: list[tuple[Request, float]] = field(default_factory=list)  # unanswered, and since when
 
 
 class ModbusLink:
@@ -486,7 +485,7 @@ class ModbusUnit:
         Parameters
         ----------
         count : inputs to read
-        wanted : names of those that are on while all is well
+        wanted : those that are on while all is well
         """
         address = self.link.address
         if not isinstance(address, TcpAddress):

@@ -39,11 +39,7 @@ class Strips:
     Attributes
     ----------
     is_strip : (f,)
-    bulge_mm : A tessellated curve has hollows that the real curve lacks: every strip of a rod holds
-        the rod, and a strip half-way round a rounded corner may hold the part in balance
-        ("impossible" stable orientations 10 and 11 of the paper's Table 1). Such a hollow is never
-        deeper than the height of the true curve above the strip. So a strip's hollow that a climb
-        of about that height leaves belongs to the lower one beyond the pass.
+    bulge_mm : (f,) height of the curve above a strip, 0 for a plane
     is_smooth : (e,) edges inside a curve, or where it runs into a plane
     region : (f,) number of the curve a strip is part of; each plane has one of its own
     is_wide : (f,) strips wider than those beside them, over which the curve hardly bulges

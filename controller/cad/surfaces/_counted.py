@@ -18,10 +18,7 @@ from ._samples import SurfaceSamples, by_face, face_areas_mm2, placed_samples
 MAX_COUNT = 200_000
 # Approximate number of points in all, with any number of bores and small faces.
 BUDGET_COUNT = 300_000
-# It widens the finest spacings first: those of bores and small faces, which are finer than a defect
-# requires so that the share of each face is known well. Only once all spacings are equal may spots
-# of a defect's size be without a point.
-ROUND_COUNT = 24
+ROUND_COUNT = 24  # points round a bore
 PER_FACE = 1500  # points on a small face, for shares right to half a percent of it
 PER_SPECK = 24  # points on a face of less than `SPECK_MM2`
 SPECK_MM2 = 2.0

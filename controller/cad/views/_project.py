@@ -17,9 +17,9 @@ from controller.imaging import Camera, inverse_pose, transform
 from ._model import ViewModel
 
 FRONT, EDGE_ON, BACK = 1, 0, -1
-# A mesh may round the two rims of a bore with different corners. The facets of its wall then lean a
-# little to the eye or away from it, and the rims cross each other at every corner; the real part
-# has no such crossings.
+# A wall parallel to the line of sight is neither in front nor behind. CAD files in single precision
+# and orientations found on hull facets turn it by up to some 1e-5 rad, and the width it then shows
+# by up to 1e-4 mm: less than that is invisible.
 EDGE_ON_RAD = 2e-5
 EDGE_ON_MM = 1e-4
 ALONG_RAD = 3e-4  # largest error of an axis fitted to a mesh
@@ -37,7 +37,7 @@ class Projection:
     eye : (3,) in the CAD frame: the eye's position, or the direction towards it from above
     is_central : whether ``eye`` is a position
     facing : (t,) FRONT, EDGE_ON or BACK of each triangle
-    matrix : (3, 4) matrix from homogeneous CAD coordinates to homogeneous plane coordinates
+    matrix : (3, 4) takes homogeneous CAD coordinates to homogeneous plane coordinates
     wall : (e,) wall of each mesh edge: the bore or boss, seen along its axis, that it bounds, a
         face, or -1
     camera : None from above

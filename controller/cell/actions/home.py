@@ -31,7 +31,7 @@ class HomeAction:
     Attributes
     ----------
     io : the interlocks, which have to be healthy
-    layout : layout with the configuration to park in, and the widest opening of the arm gripper
+    layout : has the configuration to park in, and how wide the arm gripper opens
     motion, grippers, imaging, preparation, record, journal, gate : services
     """
 
@@ -125,7 +125,7 @@ class ResetAction:
     Attributes
     ----------
     home, ready : the two ways
-    resumption : resumption, which decides between them
+    resumption : decides between them
     """
 
     home: HomeAction

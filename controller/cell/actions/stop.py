@@ -67,7 +67,7 @@ class AbortMotionAction:
     ----------
     stopping : stops the devices
     views : views of the part; those still being judged are dropped
-    journal : journal for the devices stopped, and those that did not stop
+    journal : gets which devices stopped and which did not
     """
 
     stopping: Stopping

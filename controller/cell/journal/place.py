@@ -43,9 +43,7 @@ class FileSystem:
     Attributes
     ----------
     kind : its type, as the kernel names it
-    source : Writes to a file that was deleted, moved or replaced while it is open still succeed,
-        but the rows are lost. SQLite's log (WAL) needs memory that all its processes share, which
-        no file system of another computer provides (sqlite.org/wal.html, 1).
+    source : source of the mount
     at : mount point
     """
 

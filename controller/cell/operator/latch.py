@@ -58,7 +58,7 @@ def fold_latch(path: Path, cell_name: str) -> Latch | None:
 
     Raises
     ------
-    JournalError : A cell emulated by its run ended with it, and so did its emergency stop.
+    JournalError : it cannot be read
     """
     if not path.exists():
         return None
@@ -95,7 +95,7 @@ async def require_acknowledged(
     ----------
     journal : journal of the cell; gets the acknowledgement
     cell_name : as the cell file has it
-    operator : operator who may acknowledge it now
+    operator : may acknowledge it now
 
     Raises
     ------

@@ -51,7 +51,7 @@ class Answer:
     Attributes
     ----------
     key : of the choice
-    who : name of the person who decided, and the place
+    who : who decided: name of the user, and from where
     why : the reason given; empty without one
     """
 

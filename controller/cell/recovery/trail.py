@@ -37,7 +37,7 @@ class Leaving:
     Attributes
     ----------
     is_free_at_end : the arm then stands free of everything
-    is_back : True if it is the way the arm came by
+    is_back : it is the way the arm came by
     """
 
     waypoints: tuple[FloatArray, ...]
@@ -52,7 +52,7 @@ class Trail:
     Attributes
     ----------
     behind : waypoints (6,) that the arm has passed, in order
-    is_free : True if it stood free of everything at the first of them
+    is_free : it stood free of everything at the first of them
     ahead : the waypoints that it was sent along last
     is_back : mask of the points that lead back over `behind`
     retreat : retreat of the last intent, by which the arm leaves afterwards; not begun yet

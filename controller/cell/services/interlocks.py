@@ -45,9 +45,9 @@ class Interlocks:
     Parameters
     ----------
     io : I/O block with the signals
-    fixed : fixed gripper, read before the arm comes near it
+    fixed : is asked what it stands on before the arm comes near
     layout : layout with the pose of the fixed gripper
-    custody : function that returns the gripper, tray or table with the part
+    custody : returns which gripper, tray or table has the part
     retries : retries of a reading that does not come
     rules : rules of the cell
     """

@@ -40,8 +40,7 @@ from .interlocks import Interlocks
 # A part that met the tray this far above its place has slipped in the jaws; one that met something
 # higher up may stand on anything. A fall from this height does no harm.
 TOUCH_MM = 10.0
-# Motors run at whole speeds, rounded up: at a quarter of the speed a long move strays from its line
-# up to four times as far as planned, and a short one does not.
+# decimals of joint values in the journal: 1e-6 rad, 1e-6 mm
 DECIMALS = 6
 # A motion outside the steps of a plan may take this many times its forecast, and so much more.
 WORST_SHARE, WORST_MORE_S = 1.25, 3.0
@@ -63,10 +62,10 @@ class Motion:
     arm : the device
     interlocks : admit each path
     clock : clock of the cell
-    gate : gate that holds a pause, and requires the permit to move
-    layout : layout with the arm's kinematics and timing, to preview a motion
+    gate : holds a pause, and requires the permit to move
+    layout : has the arm's kinematics and timing, to preview a motion
     note : takes the rows of the journal
-    secure : function that takes a row and returns once it is on the disk
+    secure : takes a row and returns once it is on the disk
     """
 
     def __init__(
@@ -159,7 +158,7 @@ class Motion:
         Parameters
         ----------
         trail : waypoints (6,), oldest first; the arm stands at the last one
-        is_free : True if it stood free of everything at the first one
+        is_free : it stood free of everything at the first one
         """
         self._trail = list(trail)
         rest = self._trail

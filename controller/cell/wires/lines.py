@@ -357,7 +357,7 @@ class PlayedLine:
         Parameters
         ----------
         data : bytes
-        sending : True for requests
+        sending : they are a request
         in_time : somebody waits for them
         """
 

@@ -183,11 +183,8 @@ CommandsOption = Annotated[
     typer.Option(
         "--commands",
         metavar="FILE",
-        help=(
-            "Joint by joint, or along the axes of the world and of the tool; also before "
-            "calibration. Before homing it only tries single motors and homes. Space and Esc "
-            "halt it."
-        ),
+        help="file of orders, one per line; `-` for standard input (default: keys of this "
+        "terminal)",
     ),
 ]
 

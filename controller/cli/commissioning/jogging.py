@@ -92,8 +92,7 @@ def run_jog(
     ----------
     options : options of the command line
     cell : as its file has it
-    accept : check: returns the reason why a position cannot be taken, empty if it can; None takes
-        none
+    accept : returns why a position cannot be taken, empty if it can; None takes none
     """
     with entered(
         options.emulated, options.cell_path, cell, options.runs_dir, options.name

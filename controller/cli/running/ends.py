@@ -46,9 +46,8 @@ class Stoppable(Protocol):
 class Ends:
     """Catches everything that would end a command, from beginning to end.
 
-    The cause is a signal (Ctrl-C, Ctrl-Z, a closed terminal, `kill`), or the end of the parent
-    process, of the output's reader, of a worker process or of the emulated cell. SIGKILL and a
-    power cut cannot be caught; the next start finds them in the journal.
+    Before the run, a signal ends the command at once; during the run, it requests a stop; after it,
+    while the report is written, it is ignored.
     """
 
     def __init__(self) -> None:

@@ -35,8 +35,7 @@ class NoBoardError(Exception):
 def find_board(grey: Grey, target: Target) -> FoundBoard:
     """Return the board in a picture (height, width).
 
-    OpenCV finds boards best in pictures of several hundred to fifteen hundred pixels, so it gets
-    the picture enlarged or reduced. The corners are measured in the original picture.
+    A chessboard must be wholly in the picture. Of a ChArUco board, any four corners are enough.
 
     Raises
     ------

@@ -40,9 +40,7 @@ def likeliest(
     ----------
     views : boards found, one for each picture
     everything, loose : the fit with all PARAMETERS free, and its spread
-    size_px : The cost of holding terms at 0 follows from the fit with all of them free: it is the
-        squared length of their values in their own covariance. A lens that folds the picture over
-        towards its corners is excluded, however well it fits near the boards.
+    size_px : (width, height) size of the pictures
     world : flat view that fixes the world's frame
     weights : (n,) weight of each view, one over the standard deviation of a corner; 0 leaves it out
 

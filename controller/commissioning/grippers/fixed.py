@@ -38,10 +38,7 @@ class Touch:
 
     Attributes
     ----------
-    name : Touches of both faces at several places determine the position of the jaws' plane along
-        its normal, and both its angles. A hand-off depends on these three. The other freedoms are
-        along the pads, where the arm takes a part back from the place it brought it to; they keep
-        their set-up values.
+    name : for messages
     T_world_tcp : (4, 4) pose of the arm at the contact
     opening_mm : opening of its jaws when they stopped
     pad : pad of its fingers that touched, 1 or -1 along the arm's y

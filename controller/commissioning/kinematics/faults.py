@@ -39,15 +39,14 @@ _PICTURES_MIN: Final = 3  # least pictures before and after a move; fewer could 
 class FaultLimits:
     """Limits that a good cell stays below, each with its reason."""
 
-    scale: float = 0.002  # scale error of a print; a ruler shows 0.0003
-    other_board: float = 0.04  # no printer is off by this much: it is another board's file
-    moved_mm: float = 0.5  # motion of a camera or plate; less is found in the residuals as noise
+    scale: float = 0.002  # of a print; a ruler shows 0.0003
+    other_board: float = 0.04  # no printer is off by so much: it is another board's file
+    moved_mm: float = 0.5  # of a camera or plate; less is found in the residuals as noise
     moved_rad: float = radians(0.1)
-    # scale of a board put at its mark again; only the camera changes it
-    again_scale: float = 0.0005
-    play_rad: float = radians(0.5)  # play of worn gears; sound ones have 0.1 to 0.3 degrees
-    prior_sigma: float = 2.6  # distance of an unknown from its drawing, where a bound is at 1.7
-    picture_ratio: float = 4.0  # residual of one picture against the median of all
+    again_scale: float = 0.0005  # of a board put at its mark again; only the camera changes it
+    play_rad: float = radians(0.5)  # of gears, whose sound ones have 0.1 to 0.3 degrees
+    prior_sigma: float = 2.6  # of an unknown from its drawing, where a bound is at 1.7
+    picture_ratio: float = 4.0  # of one picture from the cell, against the median of all
 
 
 @dataclass(frozen=True, slots=True)

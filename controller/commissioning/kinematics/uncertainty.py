@@ -83,9 +83,7 @@ def aim_uncertainty_mm(fit: CellFit, camera: str, q: FloatArray) -> FloatArray:
     ----------
     fit : fit of the cell
     camera : by name
-    q : A pick goes to the position that the overhead camera measured, and a view puts the part
-        before the inspection camera. Either way the error is the distance of the TCP from its
-        predicted pixel, lens included.
+    q : (n, 6) joints
     """
     layout, eye = fit.layout, fit.camera(camera)
     T_cam_world = inverse_pose(eye.T_world_cam)

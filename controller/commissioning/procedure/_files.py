@@ -108,7 +108,7 @@ class Folder:
 
         Raises
         ------
-        ConfigError : An interrupted run does not replace a finished one.
+        ConfigError : a calibration that was there cannot be read
         """
         found = {}
         for name in CALIBRATION_NAMES:

@@ -68,9 +68,7 @@ def standings(
     ----------
     plans : all steps, each after those that it needs
     records : the last record of each step that has one
-    now : A step is stale if the cell file now describes another cell, if a calibration that it used
-        or wrote was replaced, if a step that it needs was repeated after it or is not done itself,
-        or by its age.
+    now : with its offset from UTC
     digest : digest of what the cell file describes
     calibrations : the hash of each calibration that the cell has now
     """

@@ -215,9 +215,7 @@ def judge_grasps(
 def _from_above(judge: Judge, problem: GraspProblem, down: FloatArray) -> _Measured:
     """Return grasps straight down in one stable pose, from a dense search round the part.
 
-    In batches that take from every pose's picks and from all in turn, until there are
-    `enough_count`: a part that is easy to hold is done soon, for a hard one every candidate is
-    tried. `contact_mm2` is the least of either pad.
+    The rim of a thin plate offers less than the contact that a grasp needs elsewhere.
     """
     rules, jaw = judge.rules, judge.jaw
     rim_mm = float(np.ptp(judge.hull @ down)) - TABLE_MARGIN_MM - problem.clearance_mm

@@ -71,7 +71,7 @@ class JointLimit(Protocol):
 
 
 class TimingModel(Protocol):
-    """Its joint limits are linear: if both ends of a joint line are within them, all of it is."""
+    """Duration of joint moves, and the arm's course during them."""
 
     @property
     def joint_speeds(self) -> FloatArray:

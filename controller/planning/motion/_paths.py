@@ -46,8 +46,7 @@ def connect(
     scene : load on the arm, and the obstacles
     what : the path is for, as a message begins
     seed : seed of the random trees
-    search : Most detours are closed, and many share their segments: one check of all of them costs
-        little more than one of a single one.
+    search : False: no trees, because the caller has another goal to try
 
     Raises
     ------

@@ -24,10 +24,7 @@ MARGIN_MM = 5.0
 END_MARGIN_MM = 2.0
 END_LENGTH_MM = 60.0
 PIECE_MM = 64.0  # length of the first pieces; each further cut makes a quarter
-# A phase is a box in joint space, proven as a whole: a piece of it is free if the arm, at its
-# middle, has more clearance than any of its points travels to the piece's border; otherwise the
-# piece is halved across the joint that moves it most. So no configuration in between is missed.
-MIN_PIECE_MM = 4.0
+MIN_PIECE_MM = 4.0  # half of it is the end margin
 BROAD_PHASE_MM = 30.0
 BROAD_PHASE_TUBE_MM = 4.0  # usual radius of the tube of a short move
 _TUBE_AT = np.linspace(0.0, 1.0, 49)

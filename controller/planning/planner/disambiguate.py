@@ -1,8 +1,10 @@
 """A plan that begins with a disambiguation view, which identifies the part in the arm gripper.
 
-Its `Present.ambiguity` names them; the later steps are valid if it is the planned part. If no view
-can decide because all hypotheses are of one part that looks the same under each, the plan is one
-without ambiguity.
+A part may be ambiguous to recognition: its mirror twin, or a pose that looks alike from above. The
+part is taken with a grasp that holds under every hypothesis; the cheapest view that separates the
+hypotheses comes first, and the plan continues by its result. If it is the planned part, the plan
+just goes on; if it is that part in another pose, a new plan starts from the arm gripper; another
+part, or one that is still ambiguous, goes to the quarantine tray (ADR 12).
 """
 
 from __future__ import annotations

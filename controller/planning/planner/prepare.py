@@ -46,11 +46,7 @@ from ..views import (
 )
 from .choice import dense_points, into_wedges, make_counted, with_hard_spots
 
-# The search chooses grasps and views by some thousand samples, from tables of every direction.
-# Blind spots of these views, on points a millimetre or so apart, are found at the poses of the
-# views, and further views under the same grasps are added for them. Coverage is counted by neither
-# set.
-TURNED = "'"
+TURNED = "'"  # ends the ids of grasps with the arm gripper turned over
 
 
 def prepare_part(
@@ -94,7 +90,7 @@ def prepare_part(
         options.arm_grasps_per_pose,
         options.arm_grasps_round,
     )
-    fixed: tuple[Grasp, ...] = ()  # views without a hand-off may be enough
+    fixed: tuple[Grasp, ...] = ()  # views without a hand-off may still do
     if layout.fixed_gripper is not None:
         with suppress(NotGraspableError):
             fixed = synthesise_grasps(

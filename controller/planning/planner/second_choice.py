@@ -21,10 +21,7 @@ from ..views import Counter, Sighting, most_worth, nearest_on_face
 from .choice import worth_of
 from .costs import EdgeCosts
 
-# The questions come in the order of planning-facts.md 1.3: hidden by the part itself, by the
-# fingers, out of reach, no path from this start, too weak a grasp. Each reason comes with its
-# evidence, and with the smallest change that was found to help.
-ROUND_COUNT = 3
+ROUND_COUNT = 3  # other views leave other spots blind; the last round only adds views
 NODE_COUNT = 500  # of the search for the cheapest views
 
 

@@ -67,15 +67,13 @@ def unseen_pieces(
     within_reach : arm grasps any regrasp from here leads to
     apart : (n,) samples that a grasp shows which can be had, but not one after the plan's
     dropped : (n,) samples that a view each would have been too little for
-    lies_in : A point is hidden by the part itself if it was searched for from everywhere in vain;
-        otherwise it is missing for the reason of the sample nearest to it. If that sample is shown,
-        the point lies between the samples that views were chosen by.
+    lies_in : index of the stable pose the part starts in, -1 if it is held
     counted_seen : (m,) points counted by that the plan shows; None where they are the samples
     """
     found = []
     samples = part.counted_samples
     weights = samples.areas_mm2 / samples.areas_mm2.sum()
-    weak: tuple[Grasp, ...] | None = None  # sought once, when fingers hide something
+    weak: tuple[Grasp, ...] | None = None  # looked for where fingers hide something, and once
     classes = _classes(part, layout, seen, within_reach, apart, dropped, lies_in)
     for missing, counted in _counted(part, classes, seen if counted_seen is None else counted_seen):
         for face_id in np.unique(samples.face_ids[counted]):
@@ -273,10 +271,8 @@ def _fingers(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[
             grasp = part.arm_grasps[int(g)]
             if _still_hidden(part, layout, grasp, arm_gripper, piece) < MOSTLY_HIDDEN:
                 return reason, (
-                    "The part is where the fixed gripper's grasp puts it. It comes in "
-                    "along the fixed gripper's approach, the arm gripper leaves along its "
-                    "own; both paths are straight lines on one elbow branch. Receiving is "
-                    "the same two lines in reverse, so one table serves both."
+                    f"fingers {arm_gripper.finger_width_mm:.0f} mm wide and "
+                    f"{arm_gripper.finger_thickness_mm:.0f} mm thick would do"
                 )
     return reason, "hold the part by other faces: a gripper of another kind"
 

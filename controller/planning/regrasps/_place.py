@@ -22,9 +22,7 @@ TRIED_COUNT = 60
 RISEN_COUNT = 20
 BATCH_SIZE = 8
 FLAT_RAD = 1e-6
-# The part comes straight down and the arm gripper leaves along its approach; picking it up again is
-# the same two lines in reverse, so a place on the table serves like the fixed gripper.
-STEADY_RAD = np.radians(20.0)
+STEADY_RAD = np.radians(20.0)  # what tips sooner may fall over as the jaws let go of it
 # least angle below the horizontal at which the arm gripper comes down
 FROM_ABOVE_RAD = np.radians(30.0)
 

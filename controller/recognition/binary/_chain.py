@@ -27,7 +27,7 @@ class Chain:
     Attributes
     ----------
     start_px : (2,) start, x before y; a corner between four pixels, so half-integer
-    codes : Pixels that touch at a corner belong together (8 neighbours), as in OpenCV.
+    codes : (n,) Freeman directions of its cracks: 0 right, 1 up, 2 left, 3 down
     area_px : enclosed area, negative for a hole; the sum over all chains is the pixel count
     """
 

@@ -133,7 +133,7 @@ def _best_of_rows(score: FloatArray, count: int) -> tuple[IntArray, IntArray]:
 def _by_holes(
     observed: BoundaryString, models: Sequence[BoundaryString], limits: BinaryTolerances
 ) -> Candidates:
-    """Distances are scaled to the object's perimeter: noise and blur lengthen all of it alike."""
+    """Match each hole of a model with each similar one of the object, about its centroid."""
     arm = _complex(observed.hole_mm - observed.centroid_mm)
     model, turn, there, here = [], [], [], []
     for i, m in enumerate(models):

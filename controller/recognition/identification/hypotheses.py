@@ -333,9 +333,7 @@ def is_same_turn(a_rad: float, b_rad: float, turns_rad: FloatArray) -> bool:
 
     Parameters
     ----------
-    a_rad, b_rad : A longer reach is a second try, since it also finds more edges of other objects.
-        Under lamps inner edges are near each other, and a view made for another place may be off by
-        more than that: there the outline of the silhouette that found it is fitted first.
+    a_rad, b_rad : about z, of any number of full turns
     turns_rad : (k,) turns that leave the pose as it is, 0 among them; empty if any does
     """
     if len(turns_rad) == 0:

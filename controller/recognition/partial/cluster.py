@@ -21,11 +21,7 @@ from ..segmentation import Region
 
 CELL_MM = 0.7  # cell of the map of nearest outline points
 MARGIN_MM = 5.0  # margin of that map round the cluster
-# A point of the predicted outline is found, or covered: the cluster goes on outside it, or the
-# picture ends. Otherwise the picture contradicts it. Covered stretches end where outlines meet:
-# there the cluster's outline turns inwards. One that ends elsewhere is caused by a known neighbour
-# flush with it, or else it is the outline of another part, longer or without that hole.
-RIM_PX = 4
+RIM_PX = 4  # distance from the picture's end within which an outline is not the part's
 CELL_PX = 3  # distance between the lines of sight by which parts are compared with the cluster
 MIN_LOOP_PX = 12
 

@@ -42,8 +42,7 @@ FIRST_MM = 5.0  # largest offset of a candidate, a tall part's slack aside
 SURE_AGREEMENT, SURE_PX = 0.98, 0.35
 THICK_MM, THICK_SHARE = 6.0, 0.5  # of what covers it, and of the stretch that is so covered
 COARSE_SAMPLES, SAMPLES = 250, 600
-# Two parts cannot occupy the same space: along each line of sight one has to be behind the other.
-# Of all possible sets of parts, the one is taken whose outlines explain most of the cluster's.
+# Score of a fit with nine tenths of its points within NEAR_PX; 93 accepted fits had 0.946.
 COARSE_SHARE = 0.73
 GOES_ON_MM = 8.0  # depth below the table from which lines of sight are traced back
 

@@ -72,9 +72,7 @@ class PartFold:
 
         Parameters
         ----------
-        row : A part still on the table when its run is interrupted or stopped is sought anew by the
-            next run, which gives it a record of its own. The same holds for a run that was killed
-            while it took a part over, before it had its custody.
+        row : content of the row
         at : when it was written; None if that is no matter
         """
         if at is not None:

@@ -12,8 +12,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 
-# Several parts, each measured several times under several set-ups. For a robot cell a set-up is a
-# new grasp, a new start pose or another day, never the same pictures again.
+# mean range of two values of a normal distribution, in standard deviations: 2 / sqrt(pi)
 D2: Final = float(2 / np.sqrt(np.pi))
 # standard deviation of that range over its mean: sqrt(2 - 4 / pi) / d2
 RANGE_SPREAD: Final = float(np.sqrt(2 - 4 / np.pi) / D2)

@@ -84,7 +84,7 @@ def series_of(runs_dir: Path, recipe: str) -> tuple[Series, ...]:
     """
     path = whole_journal(runs_dir)
     found: dict[str, Series] = {}
-    names: dict[str, str] = {}  # names in the first recipe, by run
+    names: dict[str, str] = {}  # of the first recipe, by run
     of_part: dict[tuple[str, int | None], str] = {}
 
     def is_wanted(row: Row) -> bool:
@@ -111,12 +111,7 @@ def series_of(runs_dir: Path, recipe: str) -> tuple[Series, ...]:
     known_names = {*names.values(), *of_part.values()}
     if recipe not in known_names:
         known = ", ".join(sorted(known_names)) or "it has none"
-        raise ResultsError(
-            "Values are repeated within grasps, grasps within start poses, start poses within "
-            "parts. Groups may be of different sizes: mean squares are equated with their "
-            "expectations, level by level. If each group of a level has one member only, the "
-            "two levels cannot be separated, and are one here."
-        )
+        raise ResultsError(f"no run of the recipe `{recipe}` in {runs_dir}: there are {known}")
     return tuple(found.values())
 
 

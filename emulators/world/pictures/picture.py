@@ -50,7 +50,7 @@ class Eye:
 
     Parameters
     ----------
-    scene : data kept of machined parts, by all cameras of the scene together
+    scene : that it looks at
     number : number of the camera in the scene
     parts : kept of machined parts, by all cameras of the scene together
     """

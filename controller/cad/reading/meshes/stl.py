@@ -1,4 +1,4 @@
-"""Triangles stay unchanged, convex polygons become fans; others are cut in their mean plane."""
+"""STL, binary and text: names of solids and normals of facets are ignored."""
 
 import re
 from itertools import islice

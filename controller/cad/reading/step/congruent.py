@@ -26,10 +26,7 @@ class Marks:
     Attributes
     ----------
     volume_mm3, area_mm2 : volume and area of the body
-    centroid_mm : The search is for a turn and a shift that take every point of one body to a point
-        of the same type and size of the other. Mirror images are not the same: a mirror is no turn.
-        Two bodies of one shape with different faces come out as two, which costs time but is no
-        error.
+    centroid_mm : (3,)
     moments_mm5 : (3,) principal moments, of density 1
     points_mm : (n, 3) centres of faces, points along edges, corners
     sizes : (n, 2) kind, and size of what the point belongs to [mm]
@@ -48,7 +45,7 @@ def placing(one: Marks, other: Marks) -> FloatArray | None:
 
     Parameters
     ----------
-    one, other : two bodies, each in coordinates of its own [mm]
+    one, other : each in coordinates of its own [mm]
     """
     if not _may_be_one(one, other):
         return None

@@ -115,9 +115,7 @@ class InspectAction:
         if missing >= WORTH_SHARE:
             raise PartFaultError(
                 PartFault.SEEN_TOO_LITTLE,
-                "The path is that of the plan to this tray. With another verdict the arm "
-                "goes back along it, which is as free as before, and then to the right "
-                "tray.",
+                f"{100 * missing:.1f} % of the planned surface was not in sight",
             )
 
     def _may_show_more(self) -> bool:
@@ -159,7 +157,8 @@ class InspectAction:
         labels = {face.face_id: face.label for face in found.ledger.faces}
         raise PartFaultError(
             PartFault.SEEN_TOO_LITTLE,
-            "From another grasp the light on it differs, and the gripper is elsewhere.",
+            f"{', '.join(labels[face] for face in short)}: too little was compared; to be "
+            "inspected again from another grasp",
         )
 
     async def _go_on(self) -> None:

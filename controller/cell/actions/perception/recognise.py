@@ -20,7 +20,7 @@ class RecogniseAction:
     Attributes
     ----------
     compute : recognises, in the worker process
-    taking : service that chooses the object to take
+    taking : decides which of the objects is taken
     record : record of the batch; gets what was recognised
     """
 

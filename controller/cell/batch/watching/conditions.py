@@ -89,7 +89,8 @@ class MotorSupplyWatcher:
         await self._io.wait_tripped()
         report(
             Event.FAULT,
-            "If the arm gripper has it as well, the arm gripper's own check decides.",
+            f"the I/O block received nothing for {self._io.watchdog_s:g} s, so its watchdog "
+            "cut the motors' supply; find out why this computer stalled, then start again",
             "motor_watchdog",
         )
 
@@ -101,7 +102,7 @@ class DiskWatcher:
     ----------
     folder : watched folder, on the disk
     clock : clock of the cell
-    free_bytes : function that returns the free space on a folder's disk
+    free_bytes : returns how much room a folder's disk has
     """
 
     def __init__(

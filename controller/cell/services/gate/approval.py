@@ -17,7 +17,7 @@ class Approval:
 
     Parameters
     ----------
-    operator : person who decides; question and answer are in the journal
+    operator : decides; question and answer are in the journal
     """
 
     def __init__(self, operator: Operator) -> None:

@@ -31,7 +31,7 @@ class Permits:
 
     Parameters
     ----------
-    journal : journal for each permit and its withdrawal
+    journal : gets each permit, and what took it away
     """
 
     def __init__(self, journal: Journal) -> None:

@@ -34,12 +34,10 @@ class Standstill:
 
     Parameters
     ----------
-    gate : gate with the first motion
-    motion, grippers : While the door is open a person may push the arm, spread a jaw or move the
-        part. Before the cell continues, the counters of the arm and both openings must be
-        unchanged; the cell looks again for a part that no gripper has.
-    record : record for the readings, with the custody of the part
-    layout : layout with the arm's kinematics
+    gate : has what moves first
+    motion, grippers : are read
+    record : gets what was read, and has the custody of the part
+    layout : has the arm's kinematics
     """
 
     def __init__(

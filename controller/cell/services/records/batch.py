@@ -138,8 +138,7 @@ class BatchRecord:
 
         Parameters
         ----------
-        product : A part taken out before it was recognised counts only if all parts are of one
-            product.
+        product : product it belongs to
         serial, lot : serial and lot of the part; empty if it has none
         """
         part = self.part

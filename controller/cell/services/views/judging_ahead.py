@@ -34,7 +34,7 @@ class JudgingAhead:
     Attributes
     ----------
     record : has the part
-    views : views with the awaited results
+    views : takes the results that it waits for
     compute : judges
     background : asks it
     part_file : writes what the part will be judged from

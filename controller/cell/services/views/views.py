@@ -26,8 +26,8 @@ from controller.planning.model import CellLayout
 
 from .judging import Background, judge_held, judge_on_table
 
-# Before the first recovery every view is needed, and so is one for faces that could be compared too
-# little from another grasp. After a recovery, this waits for the views still being judged.
+# Share of the samples below which a further view is not worth it; fewer, on the border of the
+# surface shown, do not count.
 MIN_NEW_SHARE = 0.001
 
 log = logging.getLogger(__name__)

@@ -42,7 +42,7 @@ def from_above(
     down : (3,) unit, the way down in the CAD frame
     jaw : the gripper that is to hold it
     rules : opening to keep
-    clearance_mm : distance kept from the table beside the usual margin
+    clearance_mm : kept of the table beside the usual margin
     """
     hull = solid.hull_mm
     u, v = across(down)

@@ -15,10 +15,7 @@ from .corners import Corners, Junctions, find_corners, find_junctions
 
 EDGELET_MM = 1.5  # a piece of edge that counts as one: shorter than the smallest feature wanted
 PLAIN = 0.4  # share of a plain edge's strength from which an edge counts as plain
-# A wavy or twisted part alone in its crop has no feature for the paper's corner-line-corner, but it
-# has a size, a middle and a long axis. Shadows and neighbours spoil these; then the other features
-# decide.
-FAINTEST = 0.15
+FAINTEST = 0.15  # weight of the weakest edge
 
 
 @dataclass(frozen=True, eq=False, slots=True)
