@@ -1,9 +1,8 @@
 """The Python interface: what scripts may rely on (docs/python.md).
 
 `open_cell` opens the devices of a cell one by one, when a script first uses them.
-`recognise_picture`, `judge_pictures` and `plan_part` need no device. Nothing here watches over a
-script: it makes by itself, or goes without, the checks that `cellctl run` makes before and during
-each motion.
+`recognise_picture`, `judge_pictures` and `plan_part` need no device. A script is not supervised:
+the checks that `cellctl run` makes before and during each motion are up to the script.
 """
 
 import tempfile

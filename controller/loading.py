@@ -1,7 +1,8 @@
 """Imports of the computing modules, without the garbage collector.
 
-A command imports modules of some hundred thousand objects. All of them stay, and the collector
-would look at each several times while they come: a seventh of the time to the first line of work.
+A command imports modules of several hundred thousand objects. All of them stay, and the collector
+would examine each several times during the imports: a seventh of the time to the first line of
+work.
 """
 
 import gc

@@ -40,7 +40,7 @@ class LineTap(Protocol):
         Parameters
         ----------
         data : bytes
-        sending : they are a request
+        sending : True for requests
         in_time : somebody waits for them
         """
 
@@ -56,7 +56,7 @@ class Taken:
     ----------
     struct : ``struct v4l2_buffer``
     stamp_us : its time stamp, where it is another than the struct's; else None
-    is_unread : nobody read its picture, which is not there
+    is_unread : True if nobody read its picture, which is not there
     """
 
     struct: bytes

@@ -319,7 +319,7 @@ class Cell:
 
         Parameters
         ----------
-        camera_plugs : stands for the cameras' wires
+        camera_plugs : plugs in place of the cameras' wires
         """
         await self._start_lines()
         self._make_cameras()

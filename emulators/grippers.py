@@ -22,7 +22,7 @@ class FixedGripper:
     jaws : the mechanism
     device : its firmware
     beside : other devices on its line
-    has_network : it speaks Modbus TCP itself, with no serial line behind
+    has_network : True if it speaks Modbus TCP itself, with no serial line behind
     """
 
     jaws: JawModel

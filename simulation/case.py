@@ -43,7 +43,7 @@ class Kill:
 
     Attributes
     ----------
-    row : once its run has written so many rows; 0: from the beginning
+    row : number of rows of its run after which it applies; 0: from the beginning
     steps : and then after so many of its steps
     is_power_cut : its computer loses its power, and with it rows that were not secured
     """
@@ -67,7 +67,7 @@ class Case:
 
     Attributes
     ----------
-    seed : decides all that is not said here
+    seed : seed of everything not given here
     kill : when the first controller is killed; None for no kill
     recovery : decision of the next start on a part in a gripper
     starts : of controllers, at most

@@ -109,7 +109,7 @@ class SimulatedCell:
     ----------
     cell : the emulated cell
     after_slice : called after each slice of the world
-    operator : decides what controllers cannot
+    operator : person who decides where controllers cannot
     """
 
     def __init__(

@@ -120,7 +120,7 @@ class Seen:
     Attributes
     ----------
     samples, promised : (n,) bool, what it showed, and what the plan wanted of it
-    is_first_of_hold : it had to prove the hold by sight
+    is_first_of_hold : True if it had to prove the hold by sight
     is_after_recovery : the cell had recovered from something before
     """
 

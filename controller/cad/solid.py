@@ -69,7 +69,7 @@ class Solid:
     def hull_mm(self) -> FloatArray:
         """Corners of the convex hull (k, 3), in the order of the mesh's, computed on first use.
 
-        A compiled part puts its stored ones in place, as it does the boundary.
+        A compiled part sets its stored normals and areas here, and likewise its boundary.
         """
         vertices = np.asarray(self.mesh.vertices, dtype=np.float64)
         corners = vertices[np.sort(ConvexHull(vertices, qhull_options=HULL_OPTIONS).vertices)]
@@ -194,7 +194,7 @@ def solid_of(
     merged : as `merge_corners` has it
     name, content_hash, where, faces, face_of_triangle, unit, unit_is_declared, density_g_cm3 : as
         in `make_solid`
-    on_stage : called with the name of each stage as it begins
+    on_stage : callback, called with the name of each stage as it begins
 
     Raises
     ------

@@ -41,7 +41,7 @@ class _Sides:
 
     ends: Int32Array  # (e, 2) corners of each edge
     count: Int32Array  # (e,) sides on it
-    first: Int32Array  # (e,) where its sides start in `side`
+    first: Int32Array  # (e,) first of its sides in `side`
     side: Int32Array  # (3 n,) directed sides, edge by edge; side s is of triangle s // 3
     forward: BoolArray  # (3 n,) runs from the lower corner to the higher
 

@@ -34,7 +34,7 @@ class _Part:
 
     work: Work
     compiled: Compiled | None = None
-    left: int = 1  # tasks that are known and not done
+    left: int = 1  # number of known, unfinished tasks
     planned: bool = False
 
 

@@ -50,7 +50,7 @@ class Compiled:
     Attributes
     ----------
     seconds : time it took, on the worker's clock
-    was_kept : it was in the cache already
+    was_kept : True if it was in the cache already
     error : reason why the part is refused; None if it is not
     distinct : stable poses to certify, by index: of those that a symmetry makes one, the first
     """

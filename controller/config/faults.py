@@ -1,7 +1,7 @@
 """The section `faults` of recipe and cell files: the cell's acts on a fault, and how often.
 
 The cell file has the policy of the cell, a recipe replaces single classes of it. A class has a list
-of actions: each is taken so many times, then the next one; the last one ends the matter.
+of actions: each is taken a set number of times, then the next one; the last one ends the list.
 """
 
 from collections.abc import Mapping

@@ -37,7 +37,7 @@ def closing(close: str, reading: Reading) -> Requirement:
     Parameters
     ----------
     close : name of the method
-    reading : returns a reading of the device
+    reading : function that returns a reading of the device
     """
 
     async def trial(bench: Bench) -> Figure:
@@ -60,8 +60,8 @@ def silence(reading: Reading, limit_s: Callable[[Bench], float]) -> Requirement:
 
     Parameters
     ----------
-    reading : returns a reading of the device
-    limit_s : returns how long that may take
+    reading : function that returns a reading of the device
+    limit_s : function that returns the time limit of that
     """
 
     async def trial(bench: Bench) -> Figure:
@@ -85,7 +85,7 @@ def reconnection(reading: Reading, close: str = "") -> Requirement:
 
     Parameters
     ----------
-    reading : returns a reading of the device
+    reading : function that returns a reading of the device
     close : method that has to be called before `connect`; none where `connect` is enough
     """
 
@@ -126,7 +126,7 @@ def cancellation(
 
     Parameters
     ----------
-    reading : returns what is cancelled
+    reading : function that returns the awaitable to cancel
     check : raises `NotMetError` if the device does not answer as it should
     """
 

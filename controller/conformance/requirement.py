@@ -149,7 +149,7 @@ class Bench:
     Attributes
     ----------
     name, kind : name and kind of the device in the cell file, and of `drivers.kinds`
-    build : returns a new driver of it, not open
+    build : function that returns a new driver of it, not open
     clock : the cell's
     stopwatch : measures what is compared with a limit
     bounds : time limits
@@ -282,7 +282,7 @@ async def known_silent(
     ----------
     bench : bench with the device, whose line is silent now
     limit_s : longest duration [cell s]
-    reading : returns the reading's awaitable
+    reading : function that returns the reading's awaitable
     error : error that it must raise
 
     Raises
@@ -318,7 +318,7 @@ async def require_refused(
     ----------
     bench : with the device
     what : the value, for the message
-    call : returns the awaitable of the verb
+    call : function that returns the awaitable of the verb
     tries : number of tries that may be disturbed
 
     Raises
@@ -349,7 +349,7 @@ async def cancel_often(
     Parameters
     ----------
     bench : with the device
-    reading : returns the awaitable that is cancelled
+    reading : function that returns the awaitable to cancel
     check : raises NotMetError if the device does not answer as it should
 
     Raises

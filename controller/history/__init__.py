@@ -1,7 +1,7 @@
 """The history: one store for all runs of a cell, filled from their journals. Controls nothing.
 
-`open_store` opens it, `fill` brings in what the journals have new, `list_parts`, `find_parts` and
-`figures` read it. The journal is the evidence, the store an index of it that can be made anew.
+`open_store` opens it, `fill` adds new rows of the journals, `list_parts`, `find_parts` and
+`figures` read it. The journal is the evidence, the store an index of it that can be rebuilt.
 """
 
 from .errors import HistoryError, NoSuchPartError

@@ -237,7 +237,7 @@ def _characteristic(found: PartRows, recipe: str, c: CharacteristicReport) -> st
 def alarm_rows(record: RunRecord) -> list[Values]:
     """Return the rows of `ALARMS`, but for `run_no`.
 
-    The alarm that the run came to rest with is a row of its own only where no event has it.
+    The alarm at the end of a run has a row of its own only if no event has it.
     """
     found = []
     of_events = set()

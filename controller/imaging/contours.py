@@ -36,8 +36,8 @@ def threshold_levels(image: NDArray[np.uint8], inside: BoolArray) -> tuple[float
     """Return (object level, half level, ground level) of a backlit picture within a mask.
 
     Otsu's cut comes first; the two levels are the medians on its two sides. A small object on a
-    ground that fades towards its rim makes Otsu cut the ground in two: then only what is much
-    darker counts as object. Without an object, its level is that of the ground.
+    ground that fades towards its rim makes Otsu cut the ground in two: then only much darker areas
+    count as object. Without an object, its level is that of the ground.
     """
     values = image[inside]
     cut, _ = cv2.threshold(values.reshape(1, -1), 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)

@@ -51,8 +51,8 @@ class Serving:
 class PatientProtocol(H11Protocol):
     """uvicorn's protocol with a time limit for the header of a request.
 
-    Where there are too many connections, of one address or in all, the one that has been idle for
-    longest is given up, too; a new one is where no other is idle.
+    With too many connections, of one address or in all, the one that has been idle for longest is
+    closed as well; without an idle one, the new one is.
     """
 
     _waiting: asyncio.TimerHandle | None = None

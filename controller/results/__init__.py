@@ -1,11 +1,11 @@
 """Results: runs folded from the journal, judged parts, their reports and exports. Controls nothing.
 
-`load_run` folds a run's journal into a `RunRecord`, `judged_parts` are its parts with all that a
-report says of them, `judged_part` the same of an inspection without a run. `write_html` makes the
-page that an inspector signs, `report_json` the same for machines; `qif_bytes`, `dfq_bytes` and
-`csv_text` are for other programs, `write_report` writes any of them by the suffix of the file,
-`write_form3` the characteristics in the layout of Form 3 of AS9102.
-`plan_page` and `sheet` draw a plan and compiled parts.
+`load_run` folds a run's journal into a `RunRecord`, `judged_parts` are its parts with all data for
+a report, `judged_part` the same of an inspection without a run. `write_html` makes the page that an
+inspector signs, `report_json` the same for machines; `qif_bytes`, `dfq_bytes` and `csv_text` are
+for other programs, `write_report` writes any of them by the suffix of the file, `write_form3` the
+characteristics in the layout of Form 3 of AS9102. `plan_page` and `sheet` draw a plan and compiled
+parts.
 """
 
 from .exports import csv_text, dfq_bytes, qif_bytes

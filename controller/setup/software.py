@@ -1,7 +1,8 @@
 """The version of cellctl, its commit, and versions of what a verdict is computed with.
 
-A checkout is asked with git; a wheel or an sdist has a stamp instead, which `setup.py` writes as
-it builds them. Only the standard library is imported here: `setup.py` runs this file by itself.
+In a checkout the commit comes from git; a wheel or an sdist has a stamp instead, which `setup.py`
+writes as it builds them. Only the standard library is imported here: `setup.py` runs this file by
+itself.
 """
 
 import os

@@ -1,7 +1,7 @@
 """Substitute for a face that cannot be divided: straight pieces between its borders.
 
-A face with one border gets a lid, one with two (a cone, a bore) a band. What the solid's volume and
-inertia are is then counted from its triangles, since the kernel's integrals take in that face.
+A face with one border gets a lid, one with two (a cone, a bore) a band. The solid's volume and
+inertia are then computed from its triangles, since the kernel's integrals include that face.
 """
 
 from typing import Any

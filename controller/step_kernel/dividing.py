@@ -1,8 +1,8 @@
 """Fineness of a solid's division: by its size, and face by face until the tolerance is met.
 
-The kernel's own bound on how far triangles stray from a curved face is no bound: balls are off by
-twice of it, and by thirteen times beside some borders; rings are left many times finer than they
-need be. So faces are divided coarsely, each is measured, and those that stray are divided again,
+The kernel's own bound on the distance of triangles from a curved face does not hold: balls exceed
+it by a factor of two, and some borders by thirteen; rings are divided many times finer than needed.
+So faces are divided coarsely, each is measured, and those beyond the tolerance are divided again,
 along the same points of their edges.
 """
 

@@ -25,7 +25,7 @@ class JawReading:
 
     Attributes
     ----------
-    is_pressing : they have stalled and press, on something between them or on each other
+    is_pressing : True if they have stalled and press, on something between them or on each other
     opening_mm : [mm]; means something only if the arm was homed and has not restarted since
     """
 

@@ -82,7 +82,8 @@ class _Memory:
 
     ready_at_s: float = 0.0
     quiet_until_s: float = 0.0
-    owed: list[tuple[Request, float]] = field(default_factory=list)  # unanswered, and since when
+    # unanswered requests, with their times
+    owed: list[tuple[Request, float]] = field(default_factory=list)
 
 
 class ModbusLink:
@@ -485,7 +486,7 @@ class ModbusUnit:
         Parameters
         ----------
         count : inputs to read
-        wanted : those that are on while all is well
+        wanted : names of those that are on while all is well
         """
         address = self.link.address
         if not isinstance(address, TcpAddress):

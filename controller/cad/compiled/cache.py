@@ -43,7 +43,7 @@ def load_part(
     path : CAD file
     options : compile options
     cache : folder, `cache_dir` otherwise; one that cannot be written costs time, not correctness
-    on_stage : called with the name of each stage as it begins
+    on_stage : callback, called with the name of each stage as it begins
 
     Raises
     ------
@@ -98,7 +98,7 @@ def make_part(
     path : CAD file
     options : compile options; None for the defaults
     cache : folder, None for `cache_dir`; one that cannot be written costs time, not correctness
-    on_stage : called with the name of each stage as it begins
+    on_stage : callback, called with the name of each stage as it begins
 
     Raises
     ------

@@ -205,7 +205,7 @@ def compile_part(
     ----------
     path : CAD file
     options : compile options; None for the defaults
-    on_stage : called with the name of each stage as it begins
+    on_stage : callback, called with the name of each stage as it begins
 
     Raises
     ------
@@ -230,7 +230,7 @@ def compile_solid(
     solid : checked, as `load_solid` returns it
     options : compile options; None for the defaults
     tolerances, warnings : statements of its file beside the solid
-    on_stage : called with the name of each stage as it begins
+    on_stage : callback, called with the name of each stage as it begins
     """
     options = options or CompileOptions()
     if not solid.faces_are_complete:

@@ -28,7 +28,7 @@ def load_solid(path: Path, *, unit: str | None = None, on_stage: OnStage = no_st
     path : STL, OBJ, PLY, OFF, 3MF, STEP or CSG text; ``file.step#NAME`` is one body of several
     unit : unit of the file's lengths: mm, cm, m or inch. None: what the file says or, where its
         format has no place for it (STL, OBJ, PLY, OFF), millimetres, if these make a part of sense
-    on_stage : called with the name of each stage as it begins
+    on_stage : callback, called with the name of each stage as it begins
 
     Raises
     ------

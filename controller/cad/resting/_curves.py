@@ -1,10 +1,10 @@
 """Curved walls on a tessellated hull: strips, and the false hollows that they make.
 
-A curve in triangles has hollows the curve has not: every strip of a rod holds the rod, and a strip
-half-way round a rounded corner may hold the part in balance ("impossible" stable orientations 10
-and 11 of the paper's Table 1). Such a hollow is never deeper than the strip bulges out under the
-true curve. So a strip's hollow that a climb of about its bulge leaves is no hollow of its own, and
-belongs to the lower one beyond the pass.
+A tessellated curve has hollows that the real curve lacks: every strip of a rod holds the rod, and a
+strip half-way round a rounded corner may hold the part in balance ("impossible" stable orientations
+10 and 11 of the paper's Table 1). Such a hollow is never deeper than the height of the true curve
+above the strip. So a strip's hollow that a climb of about that height leaves belongs to the lower
+one beyond the pass.
 """
 
 from dataclasses import dataclass

@@ -159,8 +159,8 @@ def _finest_mm(face_mm2: FloatArray, spacings: FloatArray, budget: int) -> float
     """Return the finest spacing for a budget of points, 0.0 where no limit is needed.
 
     It widens the finest spacings first: those of bores and small faces, which are finer than a
-    defect needs so that the share of each face is known well. Only where all are alike do spots
-    of a defect's size go without a point.
+    defect requires so that the share of each face is known well. Only once all spacings are equal
+    may spots of a defect's size be without a point.
     """
 
     def count(finest: float) -> float:

@@ -126,8 +126,8 @@ def _floors(
 ) -> tuple[set[int], set[int]]:
     """Return the faces that close the lower and the upper end of a ring, none where it is open.
 
-    An end is closed where more of it runs into hollow edges, or smoothly into hollow rounds, than
-    into outer ones.
+    An end is closed if more of it runs into hollow edges, or smoothly into hollow rounds, than into
+    outer ones.
     """
     b = solid.boundary
     inside = set(ring)

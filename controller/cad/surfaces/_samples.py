@@ -63,7 +63,7 @@ def sample_surface(solid: Solid, spacing_mm: float = 4.0, per_face: int = 6) -> 
     Parameters
     ----------
     solid : with its faces
-    spacing_mm : each sample stands for about its square
+    spacing_mm : spacing; each sample represents about its square
     per_face : least number on a face, however small
     """
     rng = np.random.default_rng(int(solid.content_hash[:8], 16))

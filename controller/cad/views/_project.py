@@ -37,7 +37,7 @@ class Projection:
     eye : (3,) in the CAD frame: the eye's position, or the direction towards it from above
     is_central : whether ``eye`` is a position
     facing : (t,) FRONT, EDGE_ON or BACK of each triangle
-    matrix : (3, 4) takes homogeneous CAD coordinates to homogeneous plane coordinates
+    matrix : (3, 4) matrix from homogeneous CAD coordinates to homogeneous plane coordinates
     wall : (e,) wall of each mesh edge: the bore or boss, seen along its axis, that it bounds, a
         face, or -1
     camera : None from above
@@ -124,9 +124,9 @@ def seen_by_camera(model: ViewModel, T_world_part: FloatArray, camera: Camera) -
 def _walls_edge_on(model: ViewModel, direction: FloatArray) -> Int32Array:
     """Return the face of each triangle (t,) if it is a cylinder seen along its axis, else -1.
 
-    A mesh may round the two rims of a bore with different corners. The facets of its wall then
-    lean a little to the eye or away from it, and the rims cross each other at every corner; the
-    part itself has none of that.
+    A mesh may round the two rims of a bore with different corners. The facets of its wall then lean
+    a little to the eye or away from it, and the rims cross each other at every corner; the real
+    part has no such crossings.
     """
     faces = model.solid.faces
     of_face = np.full(len(faces), -1, dtype=np.int32)

@@ -25,7 +25,7 @@ class ConsultAction:
     Attributes
     ----------
     operator : answers it
-    record : has the problem and the part
+    record : record of the problem and the part
     taking : tries every part again once somebody has been at the table
     """
 

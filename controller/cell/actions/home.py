@@ -31,7 +31,7 @@ class HomeAction:
     Attributes
     ----------
     io : the interlocks, which have to be healthy
-    layout : has the configuration to park in, and how wide the arm gripper opens
+    layout : layout with the configuration to park in, and the widest opening of the arm gripper
     motion, grippers, imaging, preparation, record, journal, gate : services
     """
 
@@ -125,7 +125,7 @@ class ResetAction:
     Attributes
     ----------
     home, ready : the two ways
-    resumption : decides between them
+    resumption : resumption, which decides between them
     """
 
     home: HomeAction

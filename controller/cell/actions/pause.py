@@ -18,7 +18,7 @@ class SuspendAction:
 
     Attributes
     ----------
-    gate : holds the work at the point that is wanted
+    gate : gate that holds the work at the requested point
     stopping : stops the arm, where the pause is to begin now, and jaws, where a door is open
     standstill : remembers how the cell stands from then on
     """
@@ -67,7 +67,7 @@ class UnsuspendAction:
 
     Attributes
     ----------
-    gate : has the motion that comes first
+    gate : gate with the first motion
     io : the interlocks
     grippers : check that what is held is still held
     record : journals the motion that comes first

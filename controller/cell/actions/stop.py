@@ -67,7 +67,7 @@ class AbortMotionAction:
     ----------
     stopping : stops the devices
     views : views of the part; those still being judged are dropped
-    journal : gets which devices stopped and which did not
+    journal : journal for the devices stopped, and those that did not stop
     """
 
     stopping: Stopping

@@ -81,7 +81,7 @@ class _Note:
     ----------
     of : the effect that ended in it
     who, why : the person who sent it, and the reason given
-    answer : gets what the machine decided
+    answer : future of the machine's decision
     lost : reason why nothing can be recorded any more
     """
 
@@ -107,16 +107,17 @@ class Dispatcher:
     Parameters
     ----------
     actions : one for each effect
-    record : has where the part is, for the outcome
+    record : record with the part's custody, for the outcome
     stopping : halts the arm before a task is cancelled
     watchers : report what no action reports
     journal : journal of the run
     gate : opened and closed, and given its permit, as the machine decides
     interlocks : say whether a door is open
     standstill : knows what moves first when a pause ends
-    first : returns what the ready cell begins with
+    first : function that returns the first event of the ready cell
     on_alarm : called with each event that raises an alarm; must return at once
-    signals : returns which inputs of the I/O block are OK, None if nobody knows; for the status
+    signals : function that returns the inputs of the I/O block that are OK, None if unknown; for
+        the status
     """
 
     def __init__(

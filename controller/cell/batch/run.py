@@ -113,7 +113,7 @@ async def run_batch(
     on_dispatcher : called once before devices are connected, with what can stop the run
     on_notice : called with sentences that the operator should read
     outfit : services of this computer that the run uses
-    operator : decides what the cell cannot
+    operator : person who decides where the cell cannot
     ahead : a worker process for the next part, while the arm has the one before; None for none
     callers : callers whose stop orders the supervisor takes while the event loop is late
 

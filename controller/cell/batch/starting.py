@@ -60,7 +60,7 @@ async def start(
     known : grippers that may hold a part, by the journals of all runs
     began : the first row of this run
     layout : layout for the preview of the first motion
-    operator : decides, if the order has them asked
+    operator : person who decides, if the order requires it
     sweep : proves the space that homing with the part would sweep
     back : proves the move back to its path of an arm beside it
 

@@ -176,7 +176,7 @@ class Bench:
         Parameters
         ----------
         q : target joints
-        what : it goes there for, as a message begins
+        what : purpose of the motion, as a message begins
         speed : share of the usual speed
 
         Raises
@@ -193,7 +193,7 @@ class Bench:
         ----------
         q : target joints
         scene : load on the arm, and the obstacles
-        what : it goes there for, as a message begins
+        what : purpose of the motion, as a message begins
 
         Raises
         ------

@@ -229,7 +229,7 @@ async def go_to(
     bench : bench of the step
     scene : scene with the arm's load
     q : target joints
-    what : it goes there for, as a message begins
+    what : purpose of the motion, as a message begins
     from_below : counters rise at last; False: they fall; None: as it comes
 
     Raises
@@ -407,7 +407,7 @@ class PlateInJaws:
         Parameters
         ----------
         q : target joints
-        what : it goes there for, as a message begins
+        what : purpose of the motion, as a message begins
         from_below : as `go_to`
 
         Raises

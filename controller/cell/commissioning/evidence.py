@@ -17,7 +17,7 @@ class Evidence:
     Parameters
     ----------
     folder : folder of this run's evidence; it exists
-    show : takes a line for whoever watches
+    show : printer of a line for the spectators
     """
 
     def __init__(self, folder: Path, show: Callable[[str], None]) -> None:

@@ -48,7 +48,7 @@ class Person:
     ----------
     operator : gives the answers
     evidence : keeps them
-    helper : does errands in an emulated cell; None if a person does
+    helper : helper with errands in an emulated cell; None if a person does them
     """
 
     def __init__(

@@ -86,9 +86,9 @@ class Session:
     emulated : report of the emulator about itself; empty without one
     clock : clock of the cell
     operator : answers for a person
-    helper : does errands in an emulated cell; None if a person does
-    show : takes a line for whoever watches
-    build : returns the drivers, given cell, addresses and clock
+    helper : helper with errands in an emulated cell; None if a person does them
+    show : printer of a line for the spectators
+    build : function that builds the drivers from cell, addresses and clock
     callers : callers whose stop orders the supervisor takes while the event loop is late
     """
 

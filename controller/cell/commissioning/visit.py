@@ -115,9 +115,9 @@ class Visit:
     ----------
     order : order to run
     operator : answers for a person
-    helper : does errands in an emulated cell; None if a person does
+    helper : helper with errands in an emulated cell; None if a person does them
     evidence : keeps what is found
-    build : returns the drivers, given cell, addresses and clock
+    build : function that builds the drivers from cell, addresses and clock
     callers : callers whose stop orders the supervisor takes while the event loop is late
     """
 

@@ -148,7 +148,7 @@ def pickable(job: Job, sightings: tuple[SightingFields, ...]) -> tuple[Pickable,
     Parameters
     ----------
     job : recipe and cell
-    sightings : all that is on the table
+    sightings : all sightings on the table
     """
     name, prepared = context(job).solid.name, _prepared(job)
     found = []

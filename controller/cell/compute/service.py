@@ -94,7 +94,7 @@ class PartCompute(Compute):
 
     Parameters
     ----------
-    service : returns the service for parts of the recipe that the part at hand is of
+    service : function that returns the service for parts of the current part's recipe
     """
 
     def __init__(self, service: Callable[[], Compute]) -> None:

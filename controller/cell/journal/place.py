@@ -1,8 +1,8 @@
 """The place of a journal: its file system, and whether its files are still at its path.
 
-A file that was deleted, moved or replaced while it is open is written to all the same, and nobody
-finds those rows again. SQLite's log (WAL) needs memory that all its processes share, which no file
-system of another computer gives them (sqlite.org/wal.html, 1).
+Writes to a file that was deleted, moved or replaced while it is open still succeed, but the rows
+are lost. SQLite's log (WAL) needs memory that all its processes share, which no file system of
+another computer provides (sqlite.org/wal.html, 1).
 """
 
 import re

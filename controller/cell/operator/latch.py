@@ -49,7 +49,7 @@ class Latch:
 def fold_latch(path: Path, cell_name: str) -> Latch | None:
     """Return the last latching fault of a cell that nobody has acknowledged; None without one.
 
-    A cell that was emulated by its run ended with it, and its emergency stop, too.
+    A cell emulated by its run ended with it, and so did its emergency stop.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ async def require_acknowledged(
     ----------
     journal : journal of the cell; gets the acknowledgement
     cell_name : as the cell file has it
-    operator : may acknowledge it now
+    operator : operator who may acknowledge it now
 
     Raises
     ------

@@ -51,7 +51,7 @@ class Answer:
     Attributes
     ----------
     key : of the choice
-    who : who decided: name of the user, and from where
+    who : name of the person who decided, and the place
     why : the reason given; empty without one
     """
 

@@ -47,7 +47,7 @@ def beside_path(left: Interrupted, world: World, case: Case) -> Beside | None:
 
     Parameters
     ----------
-    left : has the path that the arm was sent along last
+    left : state with the path that the arm was sent along last
     world : state of arm and grippers
     case : case found
     """

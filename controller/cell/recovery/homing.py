@@ -68,9 +68,9 @@ def lost_bounds(left: Interrupted, world: World, layout: CellLayout) -> Bounds:
 
     Parameters
     ----------
-    left : has the path that it was sent along last, which is known to exist
-    world : has the joints that are still known
-    layout : has the arm's timing
+    left : state with the path that the arm was sent along last, which is known to exist
+    world : state with the joints that are still known
+    layout : layout with the arm's timing
     """
     kept = np.full(6, np.nan) if world.q_kept is None else world.q_kept
     known = np.isfinite(kept)
@@ -103,7 +103,7 @@ def _along(
     ----------
     points : the waypoints
     kept : (6,) joints that are known, NaN for the lost ones
-    layout : has the arm's timing
+    layout : layout with the arm's timing
     """
     known = np.isfinite(kept)
     found: list[FloatArray] = []

@@ -51,7 +51,7 @@ class Interrupted:
     serials : numbers of other parts of that run
     is_homed : positions meant something in that run
     is_homing : homing with the part had begun, and had not ended
-    has_ended : it came to its end by itself, so that it was not killed
+    has_ended : True if it came to its end by itself, so that it was not killed
     """
 
     run: str

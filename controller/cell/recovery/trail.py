@@ -37,7 +37,7 @@ class Leaving:
     Attributes
     ----------
     is_free_at_end : the arm then stands free of everything
-    is_back : it is the way the arm came by
+    is_back : True if it is the way the arm came by
     """
 
     waypoints: tuple[FloatArray, ...]
@@ -52,7 +52,7 @@ class Trail:
     Attributes
     ----------
     behind : waypoints (6,) that the arm has passed, in order
-    is_free : it stood free of everything at the first of them
+    is_free : True if it stood free of everything at the first of them
     ahead : the waypoints that it was sent along last
     is_back : mask of the points that lead back over `behind`
     retreat : retreat of the last intent, by which the arm leaves afterwards; not begun yet
@@ -162,9 +162,10 @@ class Trail:
 def _segment_of(points: Sequence[FloatArray], q: FloatArray) -> tuple[int, _Fit] | None:
     """Return the number of the segment that q (6,) is on, and its relation to it.
 
-    Beside the line it still counts if some axes have gone their share of the way and the others
-    have not set out: a controller may be killed between the orders to two boards. Else, if each
-    axis stands between the ends of one segment: of several the nearest.
+    A position beside the line still counts if some axes have gone their share of the way and the
+    others have not started: a controller may be killed between the orders to two boards. Otherwise
+    it counts if each axis is between the ends of one segment; of several segments the nearest is
+    taken.
     """
     if len(points) == 1:
         return (0, _Fit.LINE) if (np.abs(q - points[0]) <= OFF_PATH).all() else None

@@ -39,10 +39,10 @@ class World:
     is_arm_pressing : its jaws have stalled and press
     fixed_mm : opening of the fixed gripper
     does_fixed_touch : something stopped its jaws
-    is_fixed_ready : it is active and has no fault
+    is_fixed_ready : True if it is active and has no fault
     barrier : the light barrier between its jaws
     q_kept : (6,) if `q` is None, the joints that counters still prove, the others NaN
-    is_fixed_active : it was activated, and has had power since
+    is_fixed_active : True if it was activated, and has had power since
     """
 
     q: FloatArray | None

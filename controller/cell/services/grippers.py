@@ -34,9 +34,9 @@ class Grippers:
     Parameters
     ----------
     arm, fixed, io : the devices; the light barrier of the fixed gripper is an input of ``io``
-    record : has the custody of the part
-    grasp : returns the force, and the tolerance of an opening, for the part at hand
-    gate : holds a pause, and requires the permit to move
+    record : record with the custody of the part
+    grasp : function that returns the force, and the tolerance of an opening, for the current part
+    gate : gate that holds a pause, and requires the permit to move
     interlocks : admit each motion of jaws
     retries : retries of a reading that does not come
     setting_per_n : slope of the arm gripper's force setting for each N of the recipe

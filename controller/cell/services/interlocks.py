@@ -45,9 +45,9 @@ class Interlocks:
     Parameters
     ----------
     io : I/O block with the signals
-    fixed : is asked what it stands on before the arm comes near
+    fixed : fixed gripper, read before the arm comes near it
     layout : layout with the pose of the fixed gripper
-    custody : returns which gripper, tray or table has the part
+    custody : function that returns the gripper, tray or table with the part
     retries : retries of a reading that does not come
     rules : rules of the cell
     """

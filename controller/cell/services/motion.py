@@ -62,10 +62,10 @@ class Motion:
     arm : the device
     interlocks : admit each path
     clock : clock of the cell
-    gate : holds a pause, and requires the permit to move
-    layout : has the arm's kinematics and timing, to preview a motion
+    gate : gate that holds a pause, and requires the permit to move
+    layout : layout with the arm's kinematics and timing, to preview a motion
     note : takes the rows of the journal
-    secure : takes a row and returns once it is on the disk
+    secure : function that takes a row and returns once it is on the disk
     """
 
     def __init__(
@@ -158,7 +158,7 @@ class Motion:
         Parameters
         ----------
         trail : waypoints (6,), oldest first; the arm stands at the last one
-        is_free : it stood free of everything at the first one
+        is_free : True if it stood free of everything at the first one
         """
         self._trail = list(trail)
         rest = self._trail
@@ -289,7 +289,7 @@ class Motion:
         """Move to a waypoint (6,), in short moves if it is to be slow.
 
         Motors run at whole speeds, rounded up: at a quarter of the speed a long move strays from
-        its line up to four times as far as it was planned to, and a short one does not.
+        its line up to four times as far as planned, and a short one does not.
         """
         if speed < 1.0:
             origin = await self._arm.read_q()

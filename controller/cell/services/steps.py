@@ -58,9 +58,9 @@ class PlanSteps:
     Attributes
     ----------
     record : has the plan
-    motion : is marked as free after each step
+    motion : motion service; marks a free place after each step
     clock : times the steps [cell s]
-    gate : is given how long a step takes at most, for a pause
+    gate : gate, informed of the longest duration of a step, for a pause
     """
 
     record: BatchRecord

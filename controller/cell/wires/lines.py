@@ -357,7 +357,7 @@ class PlayedLine:
         Parameters
         ----------
         data : bytes
-        sending : they are a request
+        sending : True for requests
         in_time : somebody waits for them
         """
 

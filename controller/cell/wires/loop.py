@@ -36,7 +36,7 @@ class WireLoop(VirtualTimeLoop):
     Attributes
     ----------
     ports : targets of `create_connection`, by host and port
-    threads : does what is given to threads; None does it at once
+    threads : executor of work given to threads; None runs it at once
     sources : next instant at which a descriptor that is no file's will be readable [s], None for
         never
     """

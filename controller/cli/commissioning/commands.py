@@ -153,7 +153,7 @@ def commission(
     """Commission the cell step by step, with evidence for each.
 
     Finds the true poses of arm, cameras, grippers and trays, step by step: devices, light, arm and
-    cameras, grippers, trays, reach, verification. Finished steps are kept; the next start goes on
+    cameras, grippers, trays, reach, verification. Finished steps are kept; the next start continues
     with the rest.
     """
     with loading():
@@ -211,8 +211,8 @@ def jog(
 ) -> None:
     """Move the arm by keys, slowly.
 
-    Joint by joint, or along the axes of the world and of the tool; before it is calibrated, too.
-    Before homing it only tries single motors and homes. Space and Esc halt it.
+    Joint by joint, or along the axes of the world and of the tool; also before calibration. Before
+    homing it only tries single motors and homes. Space and Esc halt it.
     """
     with loading():
         from ..running.entering import EmulatedOptions

@@ -92,7 +92,8 @@ def run_jog(
     ----------
     options : options of the command line
     cell : as its file has it
-    accept : returns why a position cannot be taken, empty if it can; None takes none
+    accept : check: returns the reason why a position cannot be taken, empty if it can; None takes
+        none
     """
     with entered(
         options.emulated, options.cell_path, cell, options.runs_dir, options.name

@@ -1,7 +1,7 @@
 """The calibration file, written and read: a camera, and the data of its calibration.
 
 Only size_px, K, distortion and T_world_cam are required, so a file written by hand or by another
-program will do.
+program is enough.
 """
 
 import json

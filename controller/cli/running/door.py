@@ -24,7 +24,7 @@ class OperatorDoor:
     ----------
     runs_dir : folder of all runs; the socket is found by its lock
     holder : this process, as the lock names it
-    in_advance : decides before anybody is asked; None if nothing was decided in advance
+    in_advance : answer given before anybody is asked; None without one
     waits : wait for an answer also where there is no terminal
     scans : serial numbers are typed; where there is no terminal, standard input has a line for each
     as_json : print questions as JSON lines

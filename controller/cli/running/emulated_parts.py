@@ -17,7 +17,7 @@ def parts_on_table(
     ----------
     ordered : the recipes of the run
     lay : CAD files given on the command line
-    is_empty : nothing lies there
+    is_empty : True if nothing lies there
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Signals that would end a run stop it instead: the arm halts first, and there is a report.
 
-That is a signal (Ctrl-C, Ctrl-Z, a closed terminal, `kill`), or the end of the parent process, of
-the output's reader, of a worker process or of the emulated cell. SIGKILL and a power cut cannot be
-caught; the next start finds them in the journal.
+The cause is a signal (Ctrl-C, Ctrl-Z, a closed terminal, `kill`), or the end of the parent process,
+of the output's reader, of a worker process or of the emulated cell. SIGKILL and a power cut cannot
+be caught; the next start finds them in the journal.
 """
 
 import asyncio

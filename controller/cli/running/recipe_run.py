@@ -85,7 +85,7 @@ class RunOptions:
     runs_dir : folder of all runs and of the journal
     is_part_removed : the operator states that no gripper holds a part
     is_recovery_automatic : a part that an earlier run left goes on where that is proven safe
-    operator : decides on that in advance, None for whoever is there
+    operator : name of the person who decides on that in advance, None for whoever is there
     papers : operator, serials and lots
     serials : source of serial numbers
     listed : the list of parts that the recipes are of, None without one

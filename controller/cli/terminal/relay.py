@@ -52,7 +52,7 @@ class Relay:
         ----------
         write : writes it, and may take as long as it likes
         text : text to write
-        is_live : it is left out, and counted, where too many such texts wait
+        is_live : True if it is left out, and counted, where too many such texts wait
         """
         with self._changed:
             if is_live and self._live_count >= LIVE_LINE_COUNT:

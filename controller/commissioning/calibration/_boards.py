@@ -1,7 +1,7 @@
 """Find a board in a picture by OpenCV, turn it the right way round, then fit each corner.
 
 OpenCV finds boards best in pictures of several hundred to fifteen hundred pixels, so it gets the
-picture enlarged or reduced. The corners are measured in the picture as it is.
+picture enlarged or reduced. The corners are measured in the original picture.
 """
 
 from collections.abc import Iterator

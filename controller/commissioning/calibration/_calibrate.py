@@ -34,7 +34,7 @@ class _Weights:
     """Weights of corners (n,) per view: one over the standard deviation; 0 for an outlier."""
 
     of_views: tuple[FloatArray, ...]
-    noise_px: float  # the pictures' median
+    noise_px: float  # median noise of the pictures
 
 
 def calibrate(

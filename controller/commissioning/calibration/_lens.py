@@ -34,7 +34,7 @@ def likeliest(
 
     The cost of holding terms at 0 follows from the fit with all of them free: it is the squared
     length of their values in their own covariance. A lens that folds the picture over towards its
-    corners is excluded, however well it fits where there were boards.
+    corners is excluded, however well it fits near the boards.
 
     Parameters
     ----------

@@ -102,7 +102,7 @@ class WorldFrame:
     The z of ``origin_mm`` is the height over the table of the print of every flat board.
     """
 
-    name: str  # of its view
+    name: str  # name of its view
     origin_mm: tuple[float, float, float]
     x_axis_angle_rad: float
 
@@ -115,7 +115,8 @@ class CalibrationLimits:
     tilted_min: int = 2  # one tilted board determines f, a second one, tilted elsewise, checks it
     tilt_min_rad: float = np.radians(6.0)  # with less, f and height cannot be separated
     flat_max_rad: float = np.radians(4.0)  # one board's own tilt is known to about 1 deg
-    corners_min: int = 8  # of one picture; four fix a pose, fewer than eight hardly check it
+    # least corners of one picture; four fix a pose, fewer than eight hardly check it
+    corners_min: int = 8
     coverage_min: float = 0.3  # share of the picture; beyond the boards, distortion is a guess
     rms_max_px: float = 0.6  # sharp pictures have 0.02 to 0.1 px
     rms_max_squares: float = 0.02  # as much, where squares are small
@@ -123,12 +124,12 @@ class CalibrationLimits:
     outlier_sigma: float = 5.0  # a corner further off than this is dirt, not noise
     outliers_max: float = 0.05  # share of all corners
     focal_std_max: float = 0.01  # relative
-    table_std_max_mm: float = 0.25  # at z = 0, where there were boards
+    table_std_max_mm: float = 0.25  # at z = 0, within the area covered by boards
     table_std_max_px: float = 0.25  # or this, where pixels are coarser than parts are gauged
     # Beyond the boards, the uncertainty on the table may be this many times as large; it is
     # reported.
     beyond_ratio_max: float = 20.0
-    condition_max: float = 1e6  # of the scaled Jacobian
+    condition_max: float = 1e6  # condition number of the scaled Jacobian
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,9 +140,9 @@ class ViewResidual:
     placed: Placed
     corner_count: int
     outlier_count: int
-    rms_px: float  # of the distance
+    rms_px: float  # rms of the distance
     worst_px: float
-    tilt_rad: float  # of the board against the table
+    tilt_rad: float  # tilt of the board against the table
 
 
 @dataclass(frozen=True, slots=True, eq=False)

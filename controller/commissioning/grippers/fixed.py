@@ -4,9 +4,9 @@ A plate between the fixed jaws is parallel to their pads and in the middle betwe
 jaws close on it off its middle on purpose, so that it is known which pad touches, and its finger is
 tilted, so that the tip does. Each touch is one point of the arm on one face of the plate.
 
-Touches of both faces at several places show where the jaws' plane is along its normal, and both
-angles of that plane. A hand-off depends on these three. The other freedoms are along the pads,
-where the arm takes a part back from where it has brought it; they are left as they were set up.
+Touches of both faces at several places determine the position of the jaws' plane along its normal,
+and both its angles. A hand-off depends on these three. The other freedoms are along the pads, where
+the arm takes a part back from the place it brought it to; they keep their set-up values.
 """
 
 from collections.abc import Sequence

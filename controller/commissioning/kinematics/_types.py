@@ -1,8 +1,8 @@
 """Inputs of the calibration of a whole cell: pictures of boards, and prior knowledge.
 
 Frames: *world* (table z = 0), *cam* OpenCV's, *arm*, *tcp*, *body* of the plate that is held,
-*board* of one printed pattern (Z out of the print). Prior knowledge is Gaussian. Where a drawing
-leaves a quantity within a bound, its standard deviation is that of an even spread there.
+*board* of one printed pattern (Z out of the print). Prior knowledge is Gaussian. For a quantity
+that a drawing leaves within a bound, the standard deviation is that of an even distribution there.
 """
 
 from collections.abc import Mapping
@@ -59,7 +59,7 @@ class Bounds:
     distortion: tuple[float, ...] = (0.03, 0.03, 0.0005, 0.0005, 0.01)
     base_mm: float = 3.0
     base_rad: float = radians(0.5)
-    tilt_rad: float = radians(0.2)  # of the table against all else
+    tilt_rad: float = radians(0.2)  # tilt of the table against all else
 
 
 def even_std(bound: float) -> float:
@@ -74,8 +74,8 @@ class CameraPrior:
     nominal: Camera
     pose_mm: float
     pose_rad: float
-    focal: float  # relative
-    aspect: float  # of fy / fx
+    focal: float  # relative error of the focal length
+    aspect: float  # error of the ratio fy / fx
     centre_px: float
     distortion: tuple[float, ...]
 

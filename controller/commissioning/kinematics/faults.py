@@ -1,9 +1,9 @@
 """Faults behind pictures that contradict each other, by name.
 
-A gross fault makes the fit of everything bad in no particular place: lenses, zeros and joint noise
-all take their share of it. So each fault that can happen is fitted as well: prints of another size
-than their files have, a camera or a plate that moved at some time. The one that makes the pictures
-likeliest is named, if it makes them likelier by far and is larger than what a good cell has.
+A gross fault spreads over the whole fit: lenses, zeros and joint noise all absorb a part of it. So
+each possible fault is fitted as well: prints with another size than in their files, a camera or a
+plate that moved at some time. The one with the highest likelihood is named, if it is far likelier
+and larger than the limits of a good cell.
 
 A camera that moves between the pictures of the table and those of the plate looks like a print of
 another size, unless the last picture shows the board on the table once more.
@@ -39,14 +39,15 @@ _PICTURES_MIN: Final = 3  # least pictures before and after a move; fewer could 
 class FaultLimits:
     """Limits that a good cell stays below, each with its reason."""
 
-    scale: float = 0.002  # of a print; a ruler shows 0.0003
-    other_board: float = 0.04  # no printer is off by so much: it is another board's file
-    moved_mm: float = 0.5  # of a camera or plate; less is found in the residuals as noise
+    scale: float = 0.002  # scale error of a print; a ruler shows 0.0003
+    other_board: float = 0.04  # no printer is off by this much: it is another board's file
+    moved_mm: float = 0.5  # motion of a camera or plate; less is found in the residuals as noise
     moved_rad: float = radians(0.1)
-    again_scale: float = 0.0005  # of a board put at its mark again; only the camera changes it
-    play_rad: float = radians(0.5)  # of gears, whose sound ones have 0.1 to 0.3 degrees
-    prior_sigma: float = 2.6  # of an unknown from its drawing, where a bound is at 1.7
-    picture_ratio: float = 4.0  # of one picture from the cell, against the median of all
+    # scale of a board put at its mark again; only the camera changes it
+    again_scale: float = 0.0005
+    play_rad: float = radians(0.5)  # play of worn gears; sound ones have 0.1 to 0.3 degrees
+    prior_sigma: float = 2.6  # distance of an unknown from its drawing, where a bound is at 1.7
+    picture_ratio: float = 4.0  # residual of one picture against the median of all
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,9 +75,9 @@ def tcp_uncertainty(fit: CellFit, q: FloatArray) -> tuple[PoseUncertainty, ...]:
 def aim_uncertainty_mm(fit: CellFit, camera: str, q: FloatArray) -> FloatArray:
     """Return the standard uncertainty (n,) between a camera and the TCP, across its sight line.
 
-    A pick goes to where the overhead camera has seen a part, and a view has the part where the
-    inspection camera looks. Either way counts by how much the TCP is off the pixel that it is
-    predicted in, lens included.
+    A pick goes to the position that the overhead camera measured, and a view puts the part before
+    the inspection camera. Either way the error is the distance of the TCP from its predicted pixel,
+    lens included.
 
     Parameters
     ----------

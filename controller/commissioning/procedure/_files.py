@@ -87,7 +87,7 @@ class Folder:
     def write_record(self, record: StepRecord) -> None:
         """Write a record beside its evidence, and as the last one of its step.
 
-        A run that was broken off does not take the place of one that has ended.
+        An interrupted run does not replace a finished one.
 
         Raises
         ------

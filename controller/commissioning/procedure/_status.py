@@ -60,9 +60,9 @@ def standings(
 ) -> tuple[Standing, ...]:
     """Return the standing of each step, in their order.
 
-    A step is stale if the cell file describes another cell by now, if a calibration that it used
-    or wrote is another one by now, if a step that it needs was repeated after it or is not done
-    itself, or by its age.
+    A step is stale if the cell file now describes another cell, if a calibration that it used or
+    wrote was replaced, if a step that it needs was repeated after it or is not done itself, or by
+    its age.
 
     Parameters
     ----------

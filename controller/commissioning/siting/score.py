@@ -34,8 +34,9 @@ class SiteOptions:
     checked_cameras: int = 12  # camera sites that get the collision checks
     checked_fixed_poses: int = 10
     local_steps: int = 2  # rounds of the search about the best
-    worth_moving: float = 0.005  # of the surface; grasps and directions not tried may hide less
-    worth_moving_s: float = 0.15  # of the seconds that a part takes, which are estimates
+    # share of the surface; grasps and directions not tried may hide less
+    worth_moving: float = 0.005
+    worth_moving_s: float = 0.15  # share of the seconds that a part takes, which are estimates
     # Of the grasps, or of the gripper's poses over a tray; a smaller difference may be chance.
     worth_moving_hand_offs: float = 0.2
     as_good: float = 0.002

@@ -41,7 +41,7 @@ def restore(path: Path, runs_dir: Path) -> Restored:
     Parameters
     ----------
     path : path of the backup
-    runs_dir : made if there is none
+    runs_dir : folder of runs; made if there is none
 
     Raises
     ------

@@ -48,7 +48,7 @@ class Frame:
     site : addresses by which browsers find the page
     accounts, sessions, attempts : accounts, open sessions, and failed log-ins
     screens : in the order of the navigation bar
-    one_at_a_time : is held while a password is tried
+    one_at_a_time : lock held while a password is tried
     """
 
     site: Site

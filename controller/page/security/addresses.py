@@ -40,7 +40,7 @@ class Site:
         Parameters
         ----------
         host, port : address of the server
-        with_tls : it speaks https
+        with_tls : True if it speaks https
         names : further names of the server
         """
         scheme = "https" if with_tls else "http"

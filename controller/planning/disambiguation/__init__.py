@@ -2,7 +2,7 @@
 
 Recognition may leave a part ambiguous with its mirror twin, or with a pose that looks alike from
 above. Pictures of all hypotheses are predicted for the views a common grasp can reach; the cheapest
-views whose pictures differ, however the part may sit in the arm gripper, settle it.
+views whose pictures differ for any seat of the part in the arm gripper resolve it.
 """
 
 from ..model import LIGHTS, HeldHypothesis, Light

@@ -13,7 +13,7 @@ class DisambiguationRules:
 
     shift_mm: float = 1.0  # a part moves this much when the jaws close on it
     turn_rad: float = float(np.radians(2.0))  # and turns this much about any axis
-    edge_px: float = 1.5  # where lit edges and outlines are found, either way
+    edge_px: float = 1.5  # error of lit edges and outlines, either way
     min_area_px: float = 100.0  # ten pixels square; dust and glare make smaller patches
     min_edge_px: float = 40.0  # a lit edge a quarter as long may be a scratch or a reflection
     gripper_px: float = (
@@ -24,4 +24,4 @@ class DisambiguationRules:
     coarse_px: int = 4  # pictures of all views are predicted on every fourth pixel
     fine_px: int = 2
     fine_count: int = 3  # the cheapest and the clearest views of a pair, again on a finer grid
-    max_view_count: int = 60  # views looked at at all, spread evenly over those offered
+    max_view_count: int = 60  # largest number of views examined, spread evenly over those offered

@@ -278,8 +278,8 @@ def _sorted_out(
     """Return the candidates that hold by coarse rays and clear the part, scores and contacts.
 
     In batches that take from every pose's picks and from all in turn, until there are
-    `enough_count`: a part that is easy to hold is done soon, a hard one is looked at to the last
-    candidate. `contact_mm2` is the least of either pad.
+    `enough_count`: a part that is easy to hold is done soon, for a hard one every candidate is
+    tried. `contact_mm2` is the least of either pad.
     """
     rules, jaw = judge.rules, judge.jaw
     order = _in_turn([*picks, np.ones(len(tried.T), dtype=bool)])

@@ -126,7 +126,7 @@ class SweepPhase(Protocol):
 class ArmModel(Protocol):
     """An arm of six joints: its kinematics, its volume and its timing.
 
-    Its joint limits are linear: where both ends of a joint line are within them, all of it is.
+    Its joint limits are linear: if both ends of a joint line are within them, all of it is.
     """
 
     @property

@@ -17,7 +17,7 @@ class OutOfReachError(NoPlanError):
     Parameters
     ----------
     message : for people
-    reach_mm : asked of the wrist
+    reach_mm : reach required of the wrist
     limit_mm : reach of the arm
     where : place or motion concerned
 

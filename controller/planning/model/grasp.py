@@ -19,7 +19,8 @@ TABLE_MARGIN_MM = 1.0
 class GraspRules:
     """Rules for a grasp, and the effort of the search; each with its reason."""
 
-    friction: float = 0.6  # rubber pads on machined aluminium, dry; where a jaw names none
+    # rubber pads on machined aluminium, dry; for jaws without a value of their own
+    friction: float = 0.6
     density_kg_mm3: float = 2.7e-6  # aluminium
     # share of the friction limit that weight, and slope of the walls, may use in the worst attitude
     max_load: float = 0.5
@@ -31,22 +32,26 @@ class GraspRules:
     min_rim_contact_mm2: float = 12.0
     max_offset_mm: float = 4.0  # between the two contacts along the pads: more tips the part
     clearance_mm: float = 4.0  # per finger while open, for 1-2 mm of pose error
-    bore_clearance_mm: float = 1.5  # per finger that goes into a bore: at least; rather the above
-    jaw_reserve_mm: float = 5.0  # of the full opening, so that the open gripper gets over the part
+    # per finger that goes into a bore: at least; preferably the value above
+    bore_clearance_mm: float = 1.5
+    # reserve of the full opening, so that the open gripper gets over the part
+    jaw_reserve_mm: float = 5.0
     approach_mm: float = 90.0  # straight path in and out
     # the pose a part is picked at is known this well, each way on each axis (planning-facts.md 6)
     wrong_mm: float = 1.0
     wrong_deg: float = 2.0
     min_margin: float = 0.9  # share of such poses in which it must hold as well
-    ray_step_mm: float = 2.0  # between rays from a pad, to sort out
-    fine_step_mm: float = 1.0  # and to measure what is left
-    seed_count: int = 150  # of opposed planes, as many of other walls, as many again of inner walls
-    spin_count: int = 12  # approaches round each
-    enough_count: int = 500  # grasps by coarse rays are enough; until then every candidate is tried
-    fine_count: int = 150  # most of them that are measured finely and tried at wrong poses
+    ray_step_mm: float = 2.0  # spacing of the first rays from a pad
+    fine_step_mm: float = 1.0  # spacing of the rays for the remaining ones
+    # seeds of opposed planes, as many of other walls, as many again of inner walls
+    seed_count: int = 150
+    spin_count: int = 12  # approaches round each seed
+    # grasps by coarse rays that are enough; until then every candidate is tried
+    enough_count: int = 500
+    fine_count: int = 150  # largest number that is measured finely and tried at wrong poses
     wrong_count: int = 20  # wrong poses tried
-    keep_count: int = 120  # most grasps of a jaw
-    pick_count: int = 20  # of them, from above for each stable pose
+    keep_count: int = 120  # largest number of grasps of a jaw
+    pick_count: int = 20  # grasps from above for each stable pose, of those
 
     def for_pads_of(self, *jaws: Jaw) -> GraspRules:
         """Return the rules with the pads of some jaws, the firmest and softest of several."""

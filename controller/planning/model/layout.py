@@ -40,7 +40,8 @@ class Jaw:
     ----------
     max_mm : widest opening
     force_n : force of the pads
-    can_spread : it may also hold a bore or a channel from inside, its fingers' backs being pads
+    can_spread : True if it may also hold a bore or a channel from inside, its fingers' backs being
+        pads
     pads : None for those that `GraspRules` assumes
     """
 

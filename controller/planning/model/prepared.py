@@ -44,10 +44,10 @@ class Rest:
 class PlanOptions:
     """Aims of the planner."""
 
-    max_incidence_deg: float = 70.0  # a surface seen flatter than this shows too little
+    max_incidence_deg: float = 70.0  # a surface at a flatter angle than this shows too little
     # pixels per millimetre along the surface, foreshortening included, that a view must give
     min_px_per_mm: float = 1.0
-    direction_count: int = 90  # of the even sphere, beside square ones
+    direction_count: int = 90  # directions of the even sphere, beside square ones
     arm_grasps_per_pose: int = 8
     arm_grasps_round: int = 16
     fixed_grasps: int = 16
@@ -59,7 +59,7 @@ class PlanOptions:
     is_coarse: bool = False
     # the cell takes jaws that stop further off than this for another grasp (recipe's grasp section)
     opening_tolerance_mm: float = 2.0
-    square_share: float = 0.5  # of a face must show for a view to count as its square view
+    square_share: float = 0.5  # share of a face that a view must show to count as its square view
     rules: GraspRules = field(default_factory=GraspRules)
 
     def coarse(self) -> PlanOptions:

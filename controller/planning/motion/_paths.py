@@ -86,8 +86,8 @@ def _promising(
 ) -> list[Sequence[FloatArray]]:
     """Return the paths that pass a check of a few states of each segment, quickest first.
 
-    Most detours are closed, and many share their segments: one question about all of them
-    costs little more than one about one.
+    Most detours are closed, and many share their segments: one check of all of them costs little
+    more than one of a single one.
     """
     segments: dict[bytes, int] = {}
     rows: list[FloatArray] = []

@@ -1,8 +1,8 @@
 """Collision proof of a motion without known ends, for all configurations it may pass.
 
 A phase is a box in joint space, proven as a whole: a piece of it is free if the arm, at its middle,
-has more clearance than any of its points travels to the piece's border; else the piece is halved
-across the joint that moves it most. So no configuration between is missed.
+has more clearance than any of its points travels to the piece's border; otherwise the piece is
+halved across the joint that moves it most. So no configuration in between is missed.
 """
 
 from __future__ import annotations

@@ -80,9 +80,9 @@ def plan_under_ambiguity(
 ) -> Plan:
     """Return a plan whose first view decides between the hypotheses for the part on the table.
 
-    Its `Present.ambiguity` names them; what follows holds if it is the part planned for. Where no
-    view can decide because all hypotheses are of one part that looks the same whichever it is,
-    the plan is one without ambiguity.
+    Its `Present.ambiguity` names them; the later steps are valid if it is the planned part. If no
+    view can decide because all hypotheses are of one part that looks the same under each, the plan
+    is one without ambiguity.
 
     Parameters
     ----------

@@ -90,7 +90,7 @@ def prepare_part(
         options.arm_grasps_per_pose,
         options.arm_grasps_round,
     )
-    fixed: tuple[Grasp, ...] = ()  # views without a hand-off may still do
+    fixed: tuple[Grasp, ...] = ()  # views without a hand-off may be enough
     if layout.fixed_gripper is not None:
         with suppress(NotGraspableError):
             fixed = synthesise_grasps(

@@ -1,8 +1,8 @@
 """A second choice of views, for spots that the first leaves blind between its samples (ADR 64).
 
-The search chooses grasps and views by some thousand samples, from tables of every direction. What
-these views leave unseen of points a millimetre or so apart is found at the poses they are taken
-at, and further views under the same grasps are added for it. Coverage is counted by neither set.
+The search chooses grasps and views by some thousand samples, from tables of every direction. Blind
+spots of these views, on points a millimetre or so apart, are found at the poses of the views, and
+further views under the same grasps are added for them. Coverage is counted by neither set.
 """
 
 from __future__ import annotations

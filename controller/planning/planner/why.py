@@ -1,8 +1,8 @@
 """Reasons for surface not shown: one limit lifted at a time, the first that helps named.
 
-The order of the questions is that of planning-facts.md 1.3: hidden by the part itself, by the
-fingers, out of reach, no path from this start, too weak a grasp. With each reason goes the
-evidence, and the smallest change that was found to help.
+The questions come in the order of planning-facts.md 1.3: hidden by the part itself, by the fingers,
+out of reach, no path from this start, too weak a grasp. Each reason comes with its evidence, and
+with the smallest change that was found to help.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def unseen_pieces(
     found = []
     samples = part.counted_samples
     weights = samples.areas_mm2 / samples.areas_mm2.sum()
-    weak: tuple[Grasp, ...] | None = None  # looked for where fingers hide something, and once
+    weak: tuple[Grasp, ...] | None = None  # sought once, when fingers hide something
     classes = _classes(part, layout, seen, within_reach, apart, dropped, lies_in)
     for missing, counted in _counted(part, classes, seen if counted_seen is None else counted_seen):
         for face_id in np.unique(samples.face_ids[counted]):
@@ -107,9 +107,9 @@ def _counted(
 ) -> list[tuple[Missing, BoolArray]]:
     """Return each class with the counted points (m,) that are missing for its reason.
 
-    A point is hidden by the part itself where it was looked for from everywhere, in vain; else it
-    is missing for the reason of the sample nearest to it. Where that one is shown, the point lies
-    between the samples that views were chosen by.
+    A point is hidden by the part itself if it was searched for from everywhere in vain; otherwise
+    it is missing for the reason of the sample nearest to it. If that sample is shown, the point
+    lies between the samples that views were chosen by.
 
     Parameters
     ----------

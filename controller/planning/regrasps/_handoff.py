@@ -1,8 +1,8 @@
 """Hand-offs between the arm gripper and the fixed gripper: pairs of grasps that allow one.
 
-The part stands where the fixed gripper's grasp puts it. It comes in along the fixed gripper's
-approach, the arm gripper leaves along its own; both paths are straight lines on one elbow branch.
-Receiving is the same two lines the other way round, so one table serves both.
+The part is where the fixed gripper's grasp puts it. It comes in along the fixed gripper's approach,
+the arm gripper leaves along its own; both paths are straight lines on one elbow branch. Receiving
+is the same two lines in reverse, so one table serves both.
 """
 
 from __future__ import annotations

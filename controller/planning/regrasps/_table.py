@@ -1,8 +1,7 @@
 """Putting the part down on the table to take it up with another grasp.
 
-The part comes straight down and the arm gripper leaves along its approach; taking it up again is
-the same two lines the other way round, so that a place on the table serves as the fixed gripper
-does.
+The part comes straight down and the arm gripper leaves along its approach; picking it up again is
+the same two lines in reverse, so a place on the table serves like the fixed gripper.
 """
 
 from __future__ import annotations

@@ -126,7 +126,7 @@ class _Left:
     ----------
     chosen : rows of the cheapest cover found, None while there is none
     bound_s : lower bound of all covers; no more than the limit
-    is_settled : nothing cheaper is left than what is chosen, or than the limit
+    is_settled : True if nothing cheaper is left than what is chosen, or than the limit
     """
 
     def __init__(self, table: BoolArray, costs_s: FloatArray, limit_s: float) -> None:

@@ -64,7 +64,7 @@ class Pool:
     grasps: list[tuple[int, ...]] = field(default_factory=list)  # the cheapest sequence
     sets: list[IndexArray] = field(default_factory=list)
     path_s: list[float] = field(default_factory=list)
-    bound_s: list[float] = field(default_factory=list)  # of the whole
+    bound_s: list[float] = field(default_factory=list)  # bound of the whole
     units: list[float] = field(default_factory=list)
     stage: list[int] = field(default_factory=list)
     u: dict[int, Float32Array] = field(default_factory=dict)

@@ -1,8 +1,8 @@
 """Tables of the problem, and the few elements that decide: their covers show the rest too.
 
 Of thousands of surface samples some hundreds are hard to show. A lower bound for showing these is
-one for showing all, and views chosen for these mostly show all; where they do not, what they left
-out is added.
+one for showing all, and views chosen for these mostly show all; otherwise the missing elements are
+added.
 """
 
 from __future__ import annotations

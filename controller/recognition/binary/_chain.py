@@ -55,7 +55,7 @@ class Chain:
 def chain_code(mask: BoolArray) -> tuple[Chain, ...]:
     """Return the boundaries of a mask, outer ones by falling area, then holes likewise.
 
-    Pixels that touch by a corner belong together (8 neighbours), as OpenCV has it.
+    Pixels that touch at a corner belong together (8 neighbours), as in OpenCV.
 
     Parameters
     ----------

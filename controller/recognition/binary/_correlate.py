@@ -199,7 +199,7 @@ def _padded(
 ) -> tuple[FloatArray, FloatArray, NDArray[np.complex128]]:
     """Return turns, distances and places of the models' corners, (m, count), nan where none is.
 
-    Distances are scaled to the object's perimeter: noise and blur make all of it longer alike.
+    Distances are scaled to the object's perimeter: noise and blur lengthen all of it alike.
     """
     size = np.full((len(models), count), np.nan)
     along = np.zeros((len(models), count))

@@ -56,7 +56,7 @@ class EdgeState:
     edges : their samples
     which : (n,) indices of those reported
     found : (n,) where they should be
-    need_not_show : (n,) they may be there though they are not seen
+    need_not_show : (n,) mask of edges that may be there though they are invisible
     """
 
     edges: EdgePoints

@@ -361,9 +361,9 @@ def _coarse(
 ) -> tuple[EdgeFit | None, float]:
     """Return a candidate's first fit and score; a tall part is sought over a wider range.
 
-    A longer reach is a second try, since it also finds more edges that are another's. Under lamps
-    edges of the inside are near each other, and a view made for another place may be off by more
-    than that: there the outline of the silhouette it was found by is fitted before them.
+    A longer reach is a second try, since it also finds more edges of other objects. Under lamps
+    inner edges are near each other, and a view made for another place may be off by more than that:
+    there the outline of the silhouette that found it is fitted first.
 
     Parameters
     ----------

@@ -49,9 +49,9 @@ class Sighting:
         each other on the table, none on another
     lies_on : numbers of the picture's sightings that it lies on, from 0; its ``T_world_part`` then
         has the tilt it leans by and is no pose of a part at rest on the table
-    is_covered : another object lies on it
+    is_covered : True if another object lies on it
     touching_count : other objects that it is one cluster with
-    is_cut : it lies partly outside the picture or the backlit area
+    is_cut : True if it lies partly outside the picture or the backlit area
     """
 
     part: str | None

@@ -149,7 +149,7 @@ def cut_out(mask: BoolArray, whole: Region, is_cut: bool) -> Region:
     ----------
     mask : (h, w)
     whole : the region
-    is_cut : it reaches the picture's edge if the region does
+    is_cut : True if it reaches the picture's edge if the region does
     """
     x0, y0, _, _ = whole.box_px
     left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
@@ -190,7 +190,7 @@ def connected(mask: BoolArray, whole: Region, least_px: float, is_cut: bool) -> 
     mask : (h, w)
     whole : the region
     least_px : pixels below which a piece is none
-    is_cut : they reach the picture's edge if the region does
+    is_cut : True if they reach the picture's edge if the region does
     """
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     return [

@@ -1,9 +1,9 @@
 """A pose fitted to the visible part of its outline in a cluster, and the evidence.
 
 A point of the predicted outline is found, or covered: the cluster goes on outside it, or the
-picture ends. Where it is neither, the picture contradicts it. Covered stretches end where outlines
-meet: there the cluster's outline turns inwards. One that ends elsewhere is a known neighbour's
-work, flush with it, or else the outline of another part, longer or without that hole.
+picture ends. Otherwise the picture contradicts it. Covered stretches end where outlines meet: there
+the cluster's outline turns inwards. One that ends elsewhere is caused by a known neighbour flush
+with it, or else it is the outline of another part, longer or without that hole.
 """
 
 from collections.abc import Sequence

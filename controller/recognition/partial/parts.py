@@ -1,8 +1,7 @@
 """Parts of a cluster: poses are fitted, and the set that explains it best is taken.
 
-Two parts cannot be where the other one is: along each line of sight they have to lie one behind
-the other. Of all sets of parts that can be so, the one is taken whose outlines explain most of
-the cluster's.
+Two parts cannot occupy the same space: along each line of sight one has to be behind the other. Of
+all possible sets of parts, the one is taken whose outlines explain most of the cluster's.
 """
 
 from collections.abc import Sequence

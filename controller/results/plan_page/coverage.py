@@ -86,7 +86,7 @@ def coverage_map(
     ----------
     solid : the part
     samples : its surface samples; their areas are the weights
-    plan : has which view shows which samples, and why others are not shown
+    plan : plan with the samples of each view, and the reasons for the rest
     painter : colours of the part by its samples
     R_world_part : (3, 3) in which it is drawn
     """

@@ -136,8 +136,8 @@ class PartFold:
     def _is_counted(self, *, is_ended_early: bool) -> bool:
         """Return whether this run has the part's record, and not another run that went on with it.
 
-        A part that still lies on the table when its run is cut off or stopped is looked for anew by
-        the next run, which gives it a record of its own. So does a run that was killed while it
+        A part still on the table when its run is interrupted or stopped is sought anew by the next
+        run, which gives it a record of its own. The same holds for a run that was killed while it
         took a part over, before it had its custody.
         """
         if not rows.has_record(self.followed, self.resumed, is_custody_known=self.is_custody_known):

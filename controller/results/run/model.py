@@ -131,7 +131,7 @@ class DryStepReport:
     motions : number of motions of the arm
     lifted_mm : least and most of what its waypoints were raised by
     left_out : sentences on the waypoints left out
-    seconds : it took [cell s]
+    seconds : time it took [cell s]
     """
 
     label: str

@@ -1,6 +1,6 @@
 """The scatter of measuring: a crossed study by analysis of variance (references.md S23).
 
-Several parts, each measured several times under several set-ups. Of a robot cell a set-up is a new
+Several parts, each measured several times under several set-ups. For a robot cell a set-up is a new
 grasp, a new start pose or another day, never the same pictures again.
 """
 

@@ -84,7 +84,7 @@ def series_of(runs_dir: Path, recipe: str) -> tuple[Series, ...]:
     """
     path = whole_journal(runs_dir)
     found: dict[str, Series] = {}
-    names: dict[str, str] = {}  # of the first recipe, by run
+    names: dict[str, str] = {}  # names in the first recipe, by run
     of_part: dict[tuple[str, int | None], str] = {}
 
     def is_wanted(row: Row) -> bool:

@@ -1,8 +1,8 @@
 """Nested analysis of variance: the share of each level of repetition (references.md S25).
 
 Values are repeated within grasps, grasps within start poses, start poses within parts. Groups may
-be of different sizes: mean squares are equated with their expectations, level by level. Where each
-group of a level has one member only, the two levels cannot be told apart, and are one here.
+be of different sizes: mean squares are equated with their expectations, level by level. If each
+group of a level has one member only, the two levels cannot be separated, and are one here.
 """
 
 from collections.abc import Hashable, Sequence

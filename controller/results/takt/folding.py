@@ -32,12 +32,12 @@ class PartTakt:
     ----------
     number : number of the part in its run; 0 for what belongs to none: before the first, after the
         last
-    recipe : it was inspected by
+    recipe : recipe of its inspection
     forecast_s : forecast of its first plan; None without one
     seconds : by use; they add up to `total_s`
     execute_s, busy_s : of Execute, and of that what the arm did by its plan
     late_wall_s : for how long the controller itself was late [wall s]; within the seconds above
-    is_done : it is in its tray
+    is_done : True if it is in its tray
     is_planned_ahead : its plan was made while the arm still had the part before it
     is_counted : this run has its record (ADR 96)
     """

@@ -68,7 +68,7 @@ class _Node:
     device: V4l2Device
     notify: Callable[..., None]
     answer: Callable[[_Waiting, "_Node"], bool]
-    frames: dict[int, bytes] = field(default_factory=dict)  # slot -> what was stored there last
+    frames: dict[int, bytes] = field(default_factory=dict)  # slot -> the bytes last stored there
     files: dict[int, bool] = field(default_factory=dict)  # handle -> whether its DQBUF blocks
     poll_handles: dict[int, int] = field(default_factory=dict)  # poll handle -> file handle
     waiting: list[_Waiting] = field(default_factory=list)

@@ -222,7 +222,7 @@ def bears(felt: Felt, opening_mm: float, *, is_held: bool) -> bool:
     ----------
     felt : surface before each pad
     opening_mm : distance between the pads
-    is_held : another gripper keeps it where it is; pads then give by `COMPLIANCE_MM`
+    is_held : True if another gripper keeps it where it is; pads then give by `COMPLIANCE_MM`
     """
     upper_mm, lower_mm = felt.gaps_mm(opening_mm)
     if is_held:

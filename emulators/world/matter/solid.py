@@ -210,7 +210,7 @@ def solid_of(
     mesh : watertight, in the CAD frame [mm]; turned inside out in place if its volume is negative
     name : name of the part in the world
     density_kg_per_mm3 : density of the whole part, aluminium by default
-    is_convex : it is one convex piece as it is, which need not be searched for
+    is_convex : True if it is one convex piece as it is, which need not be searched for
     """
     if mesh.volume < 0.0:
         mesh.invert()

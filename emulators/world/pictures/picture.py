@@ -50,7 +50,7 @@ class Eye:
 
     Parameters
     ----------
-    scene : that it looks at
+    scene : data kept of machined parts, by all cameras of the scene together
     number : number of the camera in the scene
     parts : kept of machined parts, by all cameras of the scene together
     """

@@ -1,8 +1,8 @@
 """Smooth runs of facets divided into surfaces with a formula.
 
-A run is tried as one surface first, which settles nearly all. Where surfaces run into each other
-tangentially, a surface is guessed from a few neighbouring facets and grown ring by ring as long
-as corners lie on it; only what it reaches is looked at, so the work stays near n log n.
+A run is tried as one surface first, which is enough for nearly all. Where surfaces meet
+tangentially, a surface is guessed from a few neighbouring facets and grown ring by ring as long as
+corners lie on it; only the facets it reaches are examined, so the work stays near n log n.
 """
 
 from collections.abc import Iterator

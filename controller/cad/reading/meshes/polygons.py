@@ -11,7 +11,7 @@ from controller.arrays import FloatArray, IntArray
 def triangles_of(vertices: FloatArray, polygons: Sequence[Sequence[int]]) -> IntArray:
     """Return polygons as triangles (n, 3), each polygon in its own sense.
 
-    Triangles stay as they are, convex polygons become fans; others are cut in their mean plane.
+    Triangles stay unchanged, convex polygons become fans; others are cut in their mean plane.
 
     Parameters
     ----------

@@ -176,7 +176,7 @@ def _grouped(
 ) -> tuple[tuple[Body, ...], tuple[Body, ...]]:
     """Return one body for each shape, and bodies of one shape with different names."""
     firsts: list[int] = []
-    into: list[tuple[int, FloatArray]] = []  # of each body: the first of its shape, and the pose
+    into: list[tuple[int, FloatArray]] = []  # for each body: the first of its shape, and the pose
     marks = [_marks(one, found, i) for i, one in enumerate(stated)]
     for i, one in enumerate(marks):
         for first in firsts:

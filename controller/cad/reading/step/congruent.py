@@ -1,8 +1,8 @@
 """Congruent bodies at different poses, found by points that belong to the body.
 
-A turn and a shift that take every point of one body to a point of the same kind and size of the
-other are looked for. Mirror images are not the same: a mirror is no turn. Two bodies of one shape
-that are cut into faces otherwise come out as two, which costs time and is no mistake.
+The search is for a turn and a shift that take every point of one body to a point of the same type
+and size of the other. Mirror images are not the same: a mirror is no turn. Two bodies of one shape
+with different faces come out as two, which costs time but is no error.
 """
 
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ def placing(one: Marks, other: Marks) -> FloatArray | None:
 
     Parameters
     ----------
-    one, other : each in coordinates of its own [mm]
+    one, other : two bodies, each in coordinates of its own [mm]
     """
     if not _may_be_one(one, other):
         return None

@@ -108,8 +108,8 @@ def subdivisions(view: Projection, p: FloatArray, q: FloatArray) -> IntArray:
 
 @dataclass(slots=True)
 class _Run:
-    pieces: list[tuple[int, bool]]  # number, and whether it is run through backwards
-    first: int  # mesh vertex it begins at, -1 inside a mesh edge
+    pieces: list[tuple[int, bool]]  # number, and True if it is traversed backwards
+    first: int  # mesh vertex of its beginning, -1 inside a mesh edge
     last: int
     is_closed: bool
 

@@ -64,7 +64,8 @@ def _arc(
 ) -> float | None:
     """Return the angle swept along corners (n, 2), None where they do not lie on the ellipse.
 
-    Not all of them need be corners of the circle: a mesh may have vertices on its chords as well.
+    Not all of them have to be corners of the circle: a mesh may have vertices on its chords as
+    well.
     """
     unit = (corners - centre) @ axes.T / (axes**2).sum(axis=1)
     radius = np.linalg.norm(unit, axis=1)

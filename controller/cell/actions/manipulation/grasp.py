@@ -23,7 +23,7 @@ class GraspAction:
     ----------
     steps, motion, grippers, views, record : services
     taking : begins to plan the next part once this one is held
-    layout : has the configuration to park in
+    layout : layout with the configuration to park in
     """
 
     steps: PlanSteps

@@ -25,7 +25,7 @@ class AcquireAction:
     Attributes
     ----------
     imaging : lamps and camera
-    gate : nobody looks at the table during a pause: somebody may reach over it
+    gate : gate; nothing looks at the table during a pause: somebody may reach over it
     record : keeps the pictures with the part
     labels : have the number of the part read off it, if that is where numbers come from
     """

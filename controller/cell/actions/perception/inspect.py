@@ -147,7 +147,7 @@ class InspectAction:
     def _require_all_compared(self, found: PartInspection) -> None:
         """Raise PartFaultError if a face could hardly be compared and nothing has failed.
 
-        From another grasp the light on it is another, and the gripper is elsewhere.
+        From another grasp the light on it differs, and the gripper is elsewhere.
         """
         part, short = self.record.part, found.ledger.short_faces
         if not short or found.verdict is not Verdict.INDETERMINATE or not self._may_show_more():
@@ -164,8 +164,8 @@ class InspectAction:
     async def _go_on(self) -> None:
         """Go above the tray of an accepted or parked part; nothing opens there.
 
-        The path is the one that the plan has to that tray. With another verdict the arm goes back
-        along it, which is as free as it was, and then to the tray that it needs.
+        The path is that of the plan to this tray. With another verdict the arm goes back along it,
+        which is as free as before, and then to the right tray.
         """
         part = self.record.part
         if part.custody is not Custody.IN_ARM or part.plan is None or part.above_tray is not None:

@@ -26,7 +26,7 @@ class PresentAction:
     Attributes
     ----------
     steps, motion, gate, grippers, imaging, views, record : services
-    disambiguation : decides which hypothesis is held, by the view planned for it
+    disambiguation : service that decides between the hypotheses by the view planned for it
     """
 
     steps: PlanSteps

@@ -20,7 +20,7 @@ class RecogniseAction:
     Attributes
     ----------
     compute : recognises, in the worker process
-    taking : decides which of the objects is taken
+    taking : service that chooses the object to take
     record : record of the batch; gets what was recognised
     """
 

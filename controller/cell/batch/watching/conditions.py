@@ -102,7 +102,7 @@ class DiskWatcher:
     ----------
     folder : watched folder, on the disk
     clock : clock of the cell
-    free_bytes : returns how much room a folder's disk has
+    free_bytes : function that returns the free space on a folder's disk
     """
 
     def __init__(
@@ -174,7 +174,7 @@ class FixedGripperWatcher:
     async def _book_loss(self) -> bool:
         """Record a loss if the fixed gripper alone had the part; return whether it had.
 
-        While the arm gripper has it too, or already, its own check decides.
+        If the arm gripper has it as well, the arm gripper's own check decides.
         """
         if self._record.part.custody is not Custody.IN_FIXED:
             return False

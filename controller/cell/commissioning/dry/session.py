@@ -181,8 +181,8 @@ class DrySession:
     ----------
     order : order to drive
     operator : answers for a person
-    show : takes a line for whoever watches
-    build : returns the drivers, given cell, addresses and clock
+    show : printer of a line for the spectators
+    build : function that builds the drivers from cell, addresses and clock
     callers : callers whose stop orders the supervisor takes while the event loop is late
     """
 

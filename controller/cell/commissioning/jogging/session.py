@@ -88,7 +88,8 @@ class JogStep:
     Parameters
     ----------
     pilot : gives them
-    accept : returns why a position cannot be taken, empty if it can; None takes none
+    accept : check: returns the reason why a position cannot be taken, empty if it can; None takes
+        none
 
     Attributes
     ----------
@@ -224,7 +225,7 @@ class JogSession:
     orders : orders that the session understands
     pilot : gives the orders
     accept : as for `JogStep`
-    build : returns the drivers, given cell, addresses and clock
+    build : function that builds the drivers from cell, addresses and clock
     """
 
     def __init__(

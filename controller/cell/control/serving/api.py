@@ -58,7 +58,7 @@ class Control:
     ----------
     run : its name
     holder : holder of the cell's lock
-    desk : has the open question
+    desk : desk with the open question
     """
 
     def __init__(self, run: str, holder: Holder, desk: Desk) -> None:
@@ -73,7 +73,7 @@ class Control:
 
         Parameters
         ----------
-        stop : takes the message and the code with which it is to end
+        stop : callback that ends the work with a message and a code
         """
         self._stop = stop
 

@@ -55,7 +55,7 @@ class Supervised:
     clock_path : path of its file, if it is shared; empty for the wall clock
     may_move : True if anything may move now
     on_stopped : called with a sentence once the supervisor has stopped the cell, or has ended
-    callers : may order a stop meanwhile; None if nobody can call
+    callers : callers that may order a stop meanwhile; None without any
 
     Attributes
     ----------

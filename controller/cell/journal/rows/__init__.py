@@ -1,10 +1,9 @@
 """The content of the journal's rows: one model each, shared by writer and reader.
 
 A row has a kind, a name and a body; kind and name decide the model of the body (`read_row`). Some
-models stand for a group of names, one name for each action or event of the cell; there the name
-belongs to the row and not to the body. A field that the writer leaves unset is not in the body. So
-the bytes of a row, from which its hash is made, are those of the fields that were set, in the order
-of its model.
+models serve a group of names, one name for each action or event of the cell; there the name belongs
+to the row and not to the body. An unset field is not in the body. So the bytes of a row, from which
+its hash is made, are those of the fields that were set, in the order of its model.
 
 `SCHEMA_VERSION` (journal/writing/_migrations.py) rises when a field is removed or changes its
 meaning. A new field with a default does not change it. Fields that a model does not know are

@@ -42,8 +42,8 @@ class UnseenFields(Fields):
 class PlanMade(Body):
     """A plan; times are cell seconds.
 
-    `is_ahead`: it was made while the arm still had the part before, and a fresh look has shown
-    everything where the plan has it.
+    `is_ahead`: it was made while the arm still had the part before, and a fresh look has confirmed
+    everything in place.
     """
 
     kind = "decision"

@@ -155,8 +155,8 @@ class StepDone(Body):
 class DryStepDone(Body):
     """A step of a plan was driven without a part, each waypoint lifted.
 
-    `lifted_mm` is the least and the most of it, `left_out` why waypoints were not driven to,
-    `seconds` are cell seconds.
+    `lifted_mm` has its smallest and largest value, `left_out` the reasons why waypoints were left
+    out, `seconds` are cell seconds.
     """
 
     kind = "outcome"

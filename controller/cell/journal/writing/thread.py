@@ -35,8 +35,8 @@ class Entry:
     stamp : date (UTC, ISO) and instant of the monotonic clock [s]; None: when it is written
     about : the run that it is added to; empty for the one that writes
     since_s : when it was put in, by this computer's monotonic clock [s]
-    was_tried : it may be in the file although writing it has failed
-    done : gets its number
+    was_tried : True if it may be in the file although writing it has failed
+    done : future of its number
     """
 
     kind: str

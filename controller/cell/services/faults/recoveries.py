@@ -61,7 +61,7 @@ class Recoveries:
     Parameters
     ----------
     record : record of the batch; keeps what was recovered from, and what the batch learns
-    policy : returns that of the cell and of the recipe of the part at hand
+    policy : function that returns the policy of the cell and of the current part's recipe
     clock : clock of the cell
     """
 

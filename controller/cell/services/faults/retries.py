@@ -28,7 +28,7 @@ class Retries:
     Parameters
     ----------
     record : journals each retry with the error before it
-    policy : returns that of the cell and of the recipe of the part at hand
+    policy : function that returns the policy of the cell and of the current part's recipe
     clock : clock of the cell
     """
 

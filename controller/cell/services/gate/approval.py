@@ -17,7 +17,7 @@ class Approval:
 
     Parameters
     ----------
-    operator : decides; question and answer are in the journal
+    operator : person who decides; question and answer are in the journal
     """
 
     def __init__(self, operator: Operator) -> None:

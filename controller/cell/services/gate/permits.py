@@ -31,7 +31,7 @@ class Permits:
 
     Parameters
     ----------
-    journal : gets each permit, and what took it away
+    journal : journal for each permit and its withdrawal
     """
 
     def __init__(self, journal: Journal) -> None:

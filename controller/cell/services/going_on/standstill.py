@@ -1,8 +1,8 @@
 """The paused cell's position, and the proof that it is unchanged once a door was open.
 
 While the door is open a person may push the arm, spread a jaw or move the part. Before the cell
-goes on the counters of the arm and both openings must be as they were left; a part that no gripper
-has is looked for again.
+continues, the counters of the arm and both openings must be unchanged; the cell looks again for a
+part that no gripper has.
 """
 
 import numpy as np
@@ -34,10 +34,10 @@ class Standstill:
 
     Parameters
     ----------
-    gate : has what moves first
+    gate : gate with the first motion
     motion, grippers : are read
-    record : gets what was read, and has the custody of the part
-    layout : has the arm's kinematics
+    record : record for the readings, with the custody of the part
+    layout : layout with the arm's kinematics
     """
 
     def __init__(

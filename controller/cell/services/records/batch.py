@@ -123,7 +123,7 @@ class BatchRecord:
     def finish_part(self) -> None:
         """Count the current part as done.
 
-        One that was taken out before it was recognised counts only where all are of one product.
+        A part taken out before it was recognised counts only if all parts are of one product.
         """
         self._finished.append(self.part)
         if self.part.product is not None or len(self.products) == 1:

@@ -34,7 +34,7 @@ def plan_row(plan: Plan, *, is_ahead: bool = False) -> rows.PlanMade:
     Parameters
     ----------
     plan : just made, or taken up
-    is_ahead : it was made while the arm still had the part before
+    is_ahead : True if it was made while the arm still had the part before
     """
     more = {"is_ahead": True} if is_ahead else {}
     return rows.PlanMade(

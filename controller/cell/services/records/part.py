@@ -95,7 +95,7 @@ class PartRecord:
     scanned : serial number that was read off it before it was looked at
     pictures, picture_names : pictures and picture names of the last look at the table
     look_count : number of looks at the table
-    seen : all that was on the table at the last look
+    seen : all sightings of the last look
     alternatives : other hypotheses from the pictures of the table
     neighbours : other objects on the table at the last look; they stay there
     plan_ahead : made while the arm had the part before; None if there is none that holds

@@ -1,8 +1,8 @@
 """The table: the object to take next, and the objects left alone.
 
-`choosing.py` has the rules, `taking.py` applies them to the batch at hand, `labels.py` has serial
-numbers and lots. `preparation.py` has what is planned before any look, `ahead.py` the next part
-planned beside the one at hand.
+`choosing.py` has the rules, `taking.py` applies them to the present batch, `labels.py` has serial
+numbers and lots. `preparation.py` has the plans made before any look, `ahead.py` the next part
+planned beside the current one.
 """
 
 from .ahead import Foreseen, LookAhead

@@ -27,7 +27,7 @@ class Wanted:
     Attributes
     ----------
     names : names of the parts that still have work left; of the part alone that is sought again
-    is_sought_again : it was on the table, or in a gripper, before
+    is_sought_again : True if it was on the table, or in a gripper, before
     neighbours : other objects on the table at that time
     serials : serial of the next part by recipe name, where it is known before the part is taken
     scanned : serial read off the latest part; empty for none

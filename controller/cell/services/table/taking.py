@@ -24,7 +24,7 @@ class Taking:
     record : record of the batch; gets what is taken
     labels : source of its serial number and lot
     left : parts of the batch that cannot be taken as they lie
-    ahead : has the next part planned beside the one at hand
+    ahead : planner of the next part beside the current one
     """
 
     record: BatchRecord
@@ -42,7 +42,7 @@ class Taking:
 
         Parameters
         ----------
-        sightings : all that a look at the table shows
+        sightings : all sightings of a look at the table
 
         Raises
         ------

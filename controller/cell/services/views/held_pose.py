@@ -36,8 +36,8 @@ class HeldPose:
     record : has the hold
     views : views with the one shown last
     motion : present joints of the arm
-    imaging : takes one more picture
-    compute : looks for the part in it
+    imaging : service that takes one more picture
+    compute : service that finds the part in it
     recoveries : whether the cell would still make a new plan for another hold
     layout : layout with camera, arm and fixed gripper
     """

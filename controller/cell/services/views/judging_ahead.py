@@ -34,7 +34,7 @@ class JudgingAhead:
     Attributes
     ----------
     record : has the part
-    views : takes the results that it waits for
+    views : views with the awaited results
     compute : judges
     background : asks it
     part_file : writes what the part will be judged from

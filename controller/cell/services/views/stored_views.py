@@ -29,7 +29,7 @@ class StoredViews:
 
     Attributes
     ----------
-    record : gets the views as views being judged
+    record : record that gets the views as views being judged
     compute : judges them
     background : queue for questions that do not hold up the arm
     layout : layout with camera, arm and fixed gripper

@@ -190,8 +190,9 @@ class Views:
     async def is_worth_showing(self, step: Present) -> bool:
         """Return whether a view is planned to show samples that none has shown yet.
 
-        Before the first recovery every view is, and so is one for faces that could be compared too
-        little from another grasp. After a recovery, this waits for the views still being judged.
+        Before the first recovery every view is needed, and so is one for faces that could be
+        compared too little from another grasp. After a recovery, this waits for the views still
+        being judged.
         """
         part = self._record.part
         if not part.recoveries or part.short:

@@ -1,9 +1,9 @@
 """Find what the joints allow at a site, by closed-form kinematics: no collisions, no motions.
 
-How the arm gripper can turn at the station depends on the part only through the position of its
+The arm gripper's possible turns at the station depend on the part only through the position of its
 centre of mass in the arm gripper. So one table per site, over directions in the arm gripper's
 frame, serves every grasp of every part (planning-facts.md 3.1). The exact check, grasp by grasp,
-follows for the sites that are worth it.
+follows for the promising sites.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Candidates straight down on a part that lies on the table, tried densely.
 
-For stable poses that seeds leave few grasps for: flat parts, whose walls are lower than a pad, and
-parts with few opposed walls. Every heading, every place across it, as deep as the table allows.
+For stable poses with few grasps from seeds: flat parts, whose walls are lower than a pad, and parts
+with few opposed walls. Every heading is tried, every place across it, as deep as the table allows.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def from_above(
     down : (3,) unit, the way down in the CAD frame
     jaw : the gripper that is to hold it
     rules : opening to keep
-    clearance_mm : kept of the table beside the usual margin
+    clearance_mm : distance kept from the table beside the usual margin
     """
     hull = solid.hull_mm
     u, v = across(down)

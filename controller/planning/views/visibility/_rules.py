@@ -46,7 +46,7 @@ class VisibilityRules:
         ----------
         layout : the cell, with inspection camera and station
         max_incidence_deg : up to which a surface counts as seen
-        min_px_per_mm : asked along the surface; 0 for any
+        min_px_per_mm : least resolution along the surface; 0 for any
         """
         camera = layout.inspection
         towards = layout.station_mm - camera.position_mm

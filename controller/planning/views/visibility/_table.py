@@ -34,7 +34,7 @@ def table_views(
     camera : calibrated, in the world's frame
     sharp_mm : depths along its axis between which the picture is sharp
     max_incidence_rad : up to which a surface counts as seen
-    min_px_per_mm : asked along the surface; 0 for any
+    min_px_per_mm : least resolution along the surface; 0 for any
     """
     focal_px = float(min(camera.K[0, 0], camera.K[1, 1]))
     shown = np.zeros((len(T_world_part), len(samples.points_mm)), dtype=bool)

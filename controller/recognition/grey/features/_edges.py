@@ -52,7 +52,7 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
     Parameters
     ----------
     grey : (height, width) uint8
-    to_plane : takes pixels (n, 2), x before y, to mm (n, 2) in the plane; it is asked for a grid
+    to_plane : function from pixels (n, 2), x before y, to mm (n, 2) in the plane; called for a grid
         of points only, so it may be slow
     tol : thresholds of an edge
 

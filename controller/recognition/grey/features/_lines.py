@@ -95,7 +95,8 @@ def extended(
 ) -> FloatArray:
     """Return the ends (n, 2, 2) of lines, extended to edge points without a line in their cell.
 
-    Where a line ends in a cell with a few points only, or at a corner, the cell's line was another.
+    If a line ends in a cell with only a few points, or at a corner, the cell's own line was a
+    different one.
 
     Parameters
     ----------

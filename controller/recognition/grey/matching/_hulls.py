@@ -1,8 +1,8 @@
 """The hull of all edges as one feature: for parts without a straight line or a circle.
 
-A wavy or twisted part alone in its crop has no feature that the paper's corner-line-corner could
-start from, but it has a size, a middle and a long way. Shadows and neighbours spoil it; then the
-other features decide.
+A wavy or twisted part alone in its crop has no feature for the paper's corner-line-corner, but it
+has a size, a middle and a long axis. Shadows and neighbours spoil these; then the other features
+decide.
 """
 
 import cv2

@@ -66,8 +66,8 @@ def model_features(
     Parameters
     ----------
     view : in mm on the table, from a camera straight above the part's place
-    T_world_part, eye_height_mm : (4, 4) it was drawn in, and how high above the table it was seen
-        from; without them all of the view moves as one
+    T_world_part, eye_height_mm : (4, 4) pose it was drawn in, and the eye's height above the table;
+        without them all of the view moves as one
     v_down : its second coordinate runs downwards, as a camera's does; False for `line_view`
     tol : thresholds of lines and arcs; None for the defaults
     """

@@ -51,7 +51,7 @@ def chosen(fits: Sequence[LitFit], search: Search, library: Library) -> list[Pla
 
     Parameters
     ----------
-    fits : all that may be there
+    fits : all possible fits
     search : weighs them
     library : library of the fits
     """

@@ -310,7 +310,7 @@ def held(
 
     Parameters
     ----------
-    fits : all that may be there
+    fits : all possible fits
     places : `chosen` of them
     search : search of the cluster
     library : library of the fits

@@ -48,7 +48,7 @@ class Finish:
     seed : draws marks, dust and film of every part
     camera, rays : whose picture it is
     lamps : lamps of the scene
-    parts : kept of each part, for all cameras; filled here
+    parts : data kept of each part, for all cameras; filled here
     """
 
     def __init__(
