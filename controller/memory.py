@@ -11,7 +11,7 @@ import gc
 from contextlib import suppress
 from typing import Final
 
-M_MMAP_THRESHOLD: Final = -3  # of glibc's malloc.h
+M_MMAP_THRESHOLD: Final = -3  # number of the parameter in glibc's malloc.h
 # Size from which on an array has pages of its own, which go back when it does [bytes]. A picture's
 # grey levels are larger, and what is made for each row or triangle smaller.
 OWN_PAGES_BYTES: Final = 1 << 20

@@ -24,7 +24,7 @@ def make_pool(module: str = "", count: int = 1, niceness: int = 0) -> ProcessPoo
 
     Parameters
     ----------
-    module : that a process imports when it starts, "" for what its first order needs
+    module : module that a process imports when it starts, "" for those its first order needs
     count : number of worker processes
     niceness : their niceness, as in `nice`
     """
@@ -44,7 +44,7 @@ def worker_pool(
 
     Parameters
     ----------
-    module : that a process imports when it starts, "" for what its first order needs
+    module : module that a process imports when it starts, "" for those its first order needs
     count : number of worker processes
     niceness : their niceness, as in `nice`
     """

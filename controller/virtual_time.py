@@ -55,8 +55,8 @@ class VirtualTimeLoop(asyncio.BaseEventLoop):
         ----------
         delay : until then [s]
         callback : function to call
-        *args : with what
-        context : in which it is called
+        *args : arguments of the call
+        context : context of the call
         """
         delay = max(delay, MIN_WAIT_S) if delay > 0 else delay
         return super().call_later(delay, callback, *args, context=context)

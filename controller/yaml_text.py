@@ -172,7 +172,7 @@ def read_yaml(text: str, path: Path, dialect: Dialect) -> YamlText:
 
     Parameters
     ----------
-    text : of the file
+    text : text of the file
     path : named in messages
     dialect : limits of the file kind, and its words in messages
 

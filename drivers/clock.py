@@ -156,7 +156,7 @@ class CellClock:
         ----------
         futures : futures that may end the pause; left running when the time is over
         duration_s : the pause [cell s]; infinite waits without a limit
-        return_when : which of the futures end it, as in `asyncio.wait`
+        return_when : futures that end it, as in `asyncio.wait`
         looks_again : True if missing data then counts as silence: take the last look of a `timeout`
         """
         if duration_s == math.inf:

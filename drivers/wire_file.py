@@ -88,7 +88,7 @@ class WireWriter:
         Parameters
         ----------
         at_s : instant on the cell's clock [s]
-        wire, kind : of the row
+        wire, kind : wire and kind of the row
         info : plain JSON values
         data : bytes
         """

@@ -38,8 +38,8 @@ class AddedParts:
 
     Parameters
     ----------
-    world : where they are
-    desk : whose pictures show them
+    world : world with the objects
+    desk : desk whose pictures show them
     """
 
     def __init__(self, world: World, desk: PictureDesk) -> None:

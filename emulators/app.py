@@ -193,7 +193,7 @@ async def serve(options: CellOptions, control: Path | None, ready: Any, stdin_en
 
     Parameters
     ----------
-    options : what the emulated cell is made of
+    options : options of the emulated cell
     control : path of the control socket for tests; None opens none
     ready : text stream that gets one JSON line once every device can be used
     stdin_ends : also end when standard input is closed

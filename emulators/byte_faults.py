@@ -25,7 +25,7 @@ class ByteFault:
     Attributes
     ----------
     harm : harm to the byte
-    bit : which bit is flipped, 0 the lowest
+    bit : number of the bit to flip, 0 the lowest
     late_s : delay of the byte and of all that follow it [world s]
     """
 
@@ -59,7 +59,7 @@ class LineNoise:
     Attributes
     ----------
     planned : faults to come, each with the number of bytes that still pass before it
-    probability : that a byte suffers one of ``harms`` by chance
+    probability : probability that a byte suffers one of ``harms`` by chance
     harms : harms that chance does to bytes, all equally likely
     rng : draws for chance alone
     harmed_count : bytes harmed so far

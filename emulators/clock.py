@@ -84,7 +84,7 @@ class SharedClock(WorldClock):
     Parameters
     ----------
     speed : world seconds asked for in one second of the wall clock
-    folder : where the file goes; by default one in memory
+    folder : folder for the file; by default one in memory
     waits : for processes that take part and for pictures; without, only for the world itself
     """
 

@@ -40,8 +40,8 @@ def aimed_at(
     Parameters
     ----------
     layout : layout of the cell as it really stands
-    tcp_mm : (3,) where they are now
-    tray : in whose corner; None for the table right below
+    tcp_mm : (3,) present position
+    tray : tray in whose corner; None for the table right below
     corner : -1 or 1 along x and y
     seed : seed of how well the person aims
 
@@ -75,7 +75,7 @@ def guide(arm: ArmModel, layout: Layout, to_mm: Array) -> None:
     ----------
     arm : without drive
     layout : layout of the cell
-    to_mm : (3,) where to
+    to_mm : (3,) target position
 
     Raises
     ------

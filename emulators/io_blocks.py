@@ -30,7 +30,7 @@ def make_io_block(
     choice : as the cell file has it; None if the cell's block is a real one
     signals : the contacts behind its inputs
     unit : Modbus unit id
-    inputs : of the block by contact, as the cell file has them; the others are on the usual ones
+    inputs : inputs of the block by contact, as in the cell file; the others are on the usual ones
 
     The settings ``motor_relay`` and ``watchdog_s`` of the cell file are those that an installer has
     wired and set in the block's web console.

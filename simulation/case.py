@@ -68,9 +68,9 @@ class Case:
     Attributes
     ----------
     seed : seed of everything not given here
-    kill : when the first controller is killed; None for no kill
+    kill : time at which the first controller is killed; None for no kill
     recovery : decision of the next start on a part in a gripper
-    starts : of controllers, at most
+    starts : largest number of starts of controllers
     fault : name in `FAULTS`, with the state that it befalls; None for none
     before : a fault that comes earlier, with its state, so that the state of `fault` is reached
     fault_rate : share of holds that fail by chance (`holds`)
@@ -100,7 +100,7 @@ class Ended:
     ----------
     ends : end of each start: the batch's end and its code, or the error it broke off with
     messages : messages of these ends
-    truth : of the part, at the end
+    truth : truth about the part, at the end
     violations : as sentences
     killed_in : state and last row of the controller that was killed
     custody_at_kill : holder of the part at that time
@@ -145,7 +145,7 @@ def run_case(case: Case, folder: Path | None = None) -> Ended:
     Parameters
     ----------
     case : case to simulate
-    folder : where journal and files go, left there; None for a temporary one
+    folder : folder for journal and files, kept; None for a temporary one
     """
     where = Path(tempfile.mkdtemp(prefix="cellctl-simulation-", dir=_memory()))
     try:

@@ -77,7 +77,7 @@ class Scene:
     pose_index : stable pose of the part
     place : number in `PLACES`
     beside : the part of another recipe, which the same run is to take; None for none
-    watchdog_s : of a watchdog in the motors' supply; None for none [s]
+    watchdog_s : time of a watchdog in the motors' supply; None for none [s]
     may_be_late : controllers may be stopped for a while, and look often for that
     """
 
@@ -99,7 +99,7 @@ class SimulatedCell:
 
     Parameters
     ----------
-    loop : that it lives on
+    loop : loop that it lives on
     seed : seed of the world and of all noise
     scene : parts on the table
     folder : for the journal and the files of runs

@@ -215,7 +215,7 @@ class Cause:
 
         Parameters
         ----------
-        controller : whose state counts
+        controller : controller whose state counts
         state : as the operator sees it; or `STANDING`, or `IN_FIXED`
         fault : fault in the cell
         then : called right afterwards

@@ -70,7 +70,7 @@ class Violation:
     Attributes
     ----------
     rule : short name
-    at_s : of the world
+    at_s : time in the world
     """
 
     rule: str

@@ -155,7 +155,7 @@ class StandIns(Compute):
 
     Attributes
     ----------
-    views : that were judged
+    views : views that were judged
     beside : the same for the other recipes of the batch: their parts are seen on the table, too
     """
 

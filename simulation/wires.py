@@ -176,7 +176,7 @@ class Ports:
 
     Parameters
     ----------
-    loop : that delivers
+    loop : loop that delivers
     rng : draws how long bytes are on their way
     """
 
@@ -240,7 +240,7 @@ class ArmLine:
     Parameters
     ----------
     wire : the arm's end
-    loop : whose time it keeps
+    loop : loop whose time it keeps
     now_s : world time
     """
 

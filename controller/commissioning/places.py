@@ -69,7 +69,7 @@ class PlaneFit:
     ----------
     height_mm : height at their middle
     tilt_deg : against the world's table plane
-    rms_mm : of the touches from it
+    rms_mm : rms distance of the touches from it
     """
 
     height_mm: float
@@ -90,7 +90,7 @@ def locate_tray(size_mm: Sequence[float], touches: Sequence[CornerTouch]) -> Tra
     Parameters
     ----------
     size_mm : along x and y, of its floor
-    touches : of one or more corners
+    touches : touches of one or more corners
 
     Raises
     ------

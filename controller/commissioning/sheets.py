@@ -17,8 +17,8 @@ from .calibration import Charuco, Chessboard, Target, charuco_board
 from .target import BoardSection
 
 EDGE_MM: Final = 5.0  # most printers leave this border of the paper bare
-FOOT_MM: Final = 26.0  # below the faces: ruler and words
-GAP_MM: Final = 8.0  # between two faces, to cut between them
+FOOT_MM: Final = 26.0  # space below the faces for ruler and words
+GAP_MM: Final = 8.0  # space between two faces for a cut
 RULER_MM: Final = 100.0
 PAPERS_MM: Final = {"a4": (210.0, 297.0), "a3": (297.0, 420.0), "letter": (215.9, 279.4)}
 

@@ -126,9 +126,9 @@ def parse_json(text: str | bytes, path: Path, what: str) -> Any:  # noqa: ANN401
 
     Parameters
     ----------
-    text : of the file
+    text : text of the file
     path : path of the file, for the message
-    what : that is expected, for the message
+    what : expected content, for the message
 
     Raises
     ------

@@ -20,9 +20,9 @@ class FingersSection(Section):
 
     Attributes
     ----------
-    length_mm : along the approach
-    width_mm : across the approach, in the plane of the pad
-    thickness_mm : along the direction in which the pads open
+    length_mm : length along the approach
+    width_mm : width across the approach, in the plane of the pad
+    thickness_mm : thickness along the direction in which the pads open
     pad_length_mm : length of the pad, from the end of the finger
     friction : friction of the pads against the parts; a recipe may name that of its part
     compliance_mm : compliance of the pads

@@ -16,7 +16,7 @@ class ListReader:
 
     Parameters
     ----------
-    text : of the list
+    text : text of the list
     """
 
     def __init__(self, text: str) -> None:
@@ -59,7 +59,7 @@ def table_of(text: str) -> tuple[str, str, int]:
 
     Parameters
     ----------
-    text : of the table; its lines end as any system ends them
+    text : text of the table, with the line ends of any system
     """
     text = io.StringIO(text, newline=None).getvalue()
     first, _, rest = text.partition("\n")

@@ -86,7 +86,7 @@ class PapersSection(Section):
 
     Attributes
     ----------
-    part_number : of the part in the customer's system
+    part_number : number of the part in the customer's system
     drawing_number, revision : number and revision of the drawing that states the tolerances
     order_number : number of the order that the parts are made for; `--order` names another
     gauge_id : id of the cell in the list of gauges

@@ -201,7 +201,7 @@ class ViewSetFile(Section):
     camera : camera of all views that name none
     lamps : by name; panels, rings and spots
     views : in the order taken
-    characteristics : to be measured (default: those that follow from the CAD file)
+    characteristics : characteristics to be measured (default: those that follow from the CAD file)
     recipe : recipe with the limits to judge by, if no other is given
     unseen : reason by face id why the plan could not show all of it
     sample_count : number of samples of the surface, for `planned`

@@ -100,7 +100,7 @@ class Stopwatch:
 
     Parameters
     ----------
-    clock : the cell's
+    clock : the cell's clock
     """
 
     def __init__(self, clock: CellClock) -> None:
@@ -150,7 +150,7 @@ class Bench:
     ----------
     name, kind : name and kind of the device in the cell file, and of `drivers.kinds`
     build : function that returns a new driver of it, not open
-    clock : the cell's
+    clock : the cell's clock
     stopwatch : measures what is compared with a limit
     bounds : time limits
     line : line between driver and device, with means to disturb it

@@ -70,7 +70,7 @@ class Tried:
 
     Attributes
     ----------
-    name, kind, driver, address : of the device, as the cell file has them
+    name, kind, driver, address : identity of the device, as in the cell file
     is_emulated : whether the emulated cell has it
     model, firmware : as the device names itself, empty before it has answered
     outcomes : one for each requirement tried so far
@@ -93,7 +93,7 @@ class Findings:
     Attributes
     ----------
     cell, path, sha256 : name, file and content of the cell file
-    begun : when [UTC]
+    begun : start time [UTC]
     devices : each with its outcomes
     """
 

@@ -44,8 +44,8 @@ def export(store: Store, filters: Filters, path: Path, runs_dir: Path) -> int:
 
     Parameters
     ----------
-    store : to read
-    filters : which parts
+    store : store to read
+    filters : parts to select
     path : its suffix is one of `FORMS`
     runs_dir : folder of the journals, for QIF
 

@@ -96,8 +96,8 @@ def figures(store: Store, filters: Filters, by: str = "recipe") -> Figures:
 
     Parameters
     ----------
-    store : to read
-    filters : which parts
+    store : store to read
+    filters : parts to select
     by : one of `GROUPS`
 
     Raises

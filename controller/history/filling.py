@@ -95,7 +95,7 @@ def fill(
 
     Parameters
     ----------
-    store : to fill
+    store : store to fill
     runs_dir : folder of all runs
     anew : read the journals from their first row on, also one that is not as it was
     on_run : called with the id of a run that went in, and how many of its parts

@@ -52,7 +52,7 @@ def _add(db: Connection, *columns: Column[Any]) -> None:
     db.execute(update(JOURNALS).values(last_seq=0, last_hash=GENESIS))
 
 
-# from each version to the next, from version 1 on
+# steps from each version to the next, from version 1 on
 MIGRATIONS: Final[tuple[Callable[[Connection], None], ...]] = (
     _with_steps,
     _with_reviews,

@@ -23,7 +23,7 @@ from .tables import (
 )
 
 REVIEWS_ASKED: Final = ("awaiting", "reviewed", "accept", "reject")
-# by what a list may be sorted; parts that are alike in it stand newest first
+# orders of a list; parts that are equal in it come newest first
 SORTS: Final[Mapping[str, Column[Any]]] = {
     "start": PARTS.c.start,
     "serial": PARTS.c.serial,
@@ -119,8 +119,8 @@ def list_parts(
 
     Parameters
     ----------
-    store : to read
-    filters : which parts
+    store : store to read
+    filters : parts to select
     limit : largest number
     skipped : number of entries of the list before them
     sort : one of `SORTS`
@@ -157,7 +157,7 @@ def find_parts(store: Store, word: str) -> tuple[Mapping[str, Any], ...]:
 
     Parameters
     ----------
-    store : to read
+    store : store to read
     word : a serial number, or ``RUN/NUMBER`` with a run's id or an unambiguous beginning of it
 
     Raises

@@ -45,8 +45,8 @@ def values_of(
 
     Parameters
     ----------
-    store : to read
-    filters : which parts
+    store : store to read
+    filters : parts to select
     recipe : recipe of the parts
     characteristic : its id
     limit : parts at most, measured or not

@@ -17,7 +17,8 @@ WHITE_LEVEL = 250  # from this level up, a peak at the top of the histogram is s
 MIN_PILE = 0.002  # least share of the pixels in such a peak
 # With a smaller share of unsaturated pixels the ground's level beyond white cannot be estimated.
 MIN_UNSATURATED = 0.01
-MAX_BEYOND_WHITE = 1.5  # of white; the level of a saturated ground is estimated up to this
+# largest level, in whites, up to which the level of a saturated ground is estimated
+MAX_BEYOND_WHITE = 1.5
 FITTED_PX = 2000
 NOISE_ROWS = 32
 ROUNDS = 5

@@ -35,7 +35,7 @@ class Page(Starlette):
     Parameters
     ----------
     frame : frame shared by all screens
-    more : of Starlette
+    more : further arguments of Starlette
     """
 
     def __init__(self, frame: Frame, **more: Any) -> None:  # noqa: ANN401 - Starlette's own

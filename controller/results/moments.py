@@ -50,7 +50,7 @@ class Moment:
     Attributes
     ----------
     q : (6,) joints of the arm
-    arm_opening_mm, fixed_opening_mm : of both grippers
+    arm_opening_mm, fixed_opening_mm : openings of both grippers
     T_world_part : (4, 4) pose of the part
     grasp, fixed_grasp : grasp and fixed grasp of the arm gripper and the fixed gripper, None if it
         does not hold

@@ -35,8 +35,8 @@ class Chart:
     values : in the order measured
     lines : levels across it
     marks : by index of a value, a word for it; such a value is drawn as a diamond
-    groups : of each value the name of its group; a line is drawn where it changes
-    half_widths : of each value its expanded uncertainty, or None
+    groups : name of each value's group; a line is drawn where it changes
+    half_widths : expanded uncertainty of each value, or None
     written : returns a number with so many digits as the reader's language writes it
     """
 

@@ -28,7 +28,7 @@ def write_report(parts: Sequence[JudgedPart], path: Path, solid: Solid | None = 
 
     Parameters
     ----------
-    parts : of one product, at least one
+    parts : parts of one product, at least one
     path : its suffix is one of `SUFFIXES`
     solid : the product's CAD model, for the drawings of a page
 
@@ -50,7 +50,7 @@ def write_parts(
 
     Parameters
     ----------
-    parts : of one product, at least one
+    parts : parts of one product, at least one
     form : a suffix without its dot
     path : any suffix
     solid : the product's CAD model, for the drawings of a page

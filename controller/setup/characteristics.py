@@ -39,7 +39,7 @@ def part_characteristics(
     ----------
     path : path of the recipe, or of the set of views where there is none, for messages
     recipe : with a class of tolerances, and limits of its own; None for those of an empty recipe
-    part : with what its file states
+    part : part with the statements of its file
     given : only these are measured; None for all that follow from CAD file and recipe
 
     Raises

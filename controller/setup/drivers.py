@@ -180,7 +180,7 @@ def require_force(path: Path, force_n: float, cell: Cell) -> None:
     ----------
     path : path of the recipe, for messages
     force_n : `grasp.force_n` of the recipe
-    cell : whose gripper it is
+    cell : cell whose gripper it is
 
     Raises
     ------

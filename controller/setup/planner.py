@@ -39,7 +39,7 @@ class PlannerSetup:
     ----------
     layout : the cell, with the force that its grippers press with
     options : targets of the plans
-    density_g_cm3, density_from : of the part, and where the figure comes from
+    density_g_cm3, density_from : density of the part, and the source of that figure
     counted_defect_mm : from which size on spots and defects show in a count of coverage; more than
         the smallest defect on a part too large for points as near as that
     has_recipe : the figures are from a recipe; otherwise they are the defaults of a recipe
@@ -120,8 +120,8 @@ def planner_setup(
     recipe : None for a recipe's default figures
     cell : the cell file
     part : the compiled part
-    density_g_cm3 : of the command line; without it the recipe's, else the CAD file's, else that of
-        aluminium
+    density_g_cm3 : density on the command line; without it the recipe's, else the CAD file's, else
+        that of aluminium
     """
     wanted = InspectionSection() if recipe is None else recipe.inspection
     grasp = GraspSection() if recipe is None else recipe.grasp

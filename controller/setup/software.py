@@ -14,7 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
-STAMP: Final = "commit.txt"  # beside this file, in wheels and sdists alone
+STAMP: Final = "commit.txt"  # stamp beside this file, in wheels and sdists alone
 _CHECKOUT: Final = Path(__file__).resolve().parents[2]
 # Longest wait for git [s]. It answers within 0.1 s; a disk that hangs must not hold up a run.
 _GIT_WALL_S: Final = 5.0

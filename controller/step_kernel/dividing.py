@@ -96,7 +96,7 @@ def stray_mm(face: Any, kind: str, form: Any) -> float:  # noqa: ANN401
     Parameters
     ----------
     face : the kernel's ``TopoDS_Face``
-    kind, form : of its surface, as `surface_of` has them
+    kind, form : kind and form of its surface, as in `surface_of`
     """
     import numpy as np
     from OCP.BRep import BRep_Tool

@@ -16,7 +16,7 @@ def as_calibrated(
     ----------
     found : the verdict of the pictures
     calibration : calibrations that did not count when they were taken
-    recipe : with what it needs for a PASS; None for nothing
+    recipe : recipe with its requirements for a PASS; None for none
     """
     required = "any" if recipe is None else recipe.inspection.calibration
     missing = list(calibration.stale) if required != "any" else []

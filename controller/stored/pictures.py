@@ -152,7 +152,7 @@ def decoded(path: Path, data: bytes, pixels: Pixels) -> NDArray[Any]:
     ----------
     path : the file, for the message
     data : all its bytes
-    pixels : which channels
+    pixels : layout of the channels
 
     Raises
     ------

@@ -195,7 +195,7 @@ class Gripper:
 
         Parameters
         ----------
-        opening_mm : between the fingertips, 0..85 for a 2F-85 [mm]
+        opening_mm : opening between the fingertips, 0..85 for a 2F-85 [mm]
         speed_mm_s : 20..150 for a 2F-85 [mm/s]
         force_n : 20..235 for a 2F-85 [N]
 
@@ -404,7 +404,8 @@ class Gripper:
         ----------
         outputs : the block
         has_arrived : test of a reading for arrival
-        stop_count : when the verb began; None for outputs that set nothing in motion
+        stop_count : number of stops at the start of the verb; None for outputs that set nothing in
+            motion
 
         Raises
         ------

@@ -32,7 +32,7 @@ class GripperStatus:
     object : gOBJ; no meaning unless ``is_going``
     fault, controller_fault : gFLT and kFLT; 0 is none
     requested_counts, position_counts : gPR and gPO
-    opening_mm : between the fingertips [mm]
+    opening_mm : opening between the fingertips [mm]
     current_ma : current of the motor [mA]
     """
 
@@ -56,7 +56,7 @@ class GripperStatus:
         ----------
         inputs : the input registers, read in one request
         config : the calibration that turns counts into an opening
-        at_s : when they were read [cell s]
+        at_s : time of the readings [cell s]
         """
         return cls(
             at_s=at_s,
@@ -123,7 +123,7 @@ class GraspResult:
     Attributes
     ----------
     object_detected : True if something is between the jaws
-    opening_mm : between the fingertips [mm]
+    opening_mm : opening between the fingertips [mm]
     evidence : evidence behind ``object_detected``
     status : the reading it was judged by
     """

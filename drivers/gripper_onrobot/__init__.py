@@ -24,7 +24,7 @@ class RgSettings:
 
     Attributes
     ----------
-    model : which of the two it is
+    model : model, one of two
     """
 
     model: Literal["rg2", "rg6"] = "rg2"

@@ -47,7 +47,8 @@ POLL_S: Final = 0.02
 HOLD_POLL_S: Final = 0.1
 STOP_S: Final = 1.0
 BOOT_S: Final = 5.0  # §3.3: about 1 s
-OVER_TRAVEL_MM: Final = 8.0  # so that the part and not the target stops the jaws
+# excess of the target, so that the part and not the target stops the jaws
+OVER_TRAVEL_MM: Final = 8.0
 ARRIVED_MM: Final = 1.0
 SLIP_MM: Final = 1.5
 FREE_FORCE_SHARE: Final = 0.5  # share of the greatest force, with nothing between the jaws
@@ -60,7 +61,7 @@ class RgReading:
     Attributes
     ----------
     flags : status, §3.3
-    opening_mm : between the fingertips
+    opening_mm : opening between the fingertips
     """
 
     flags: Flag
@@ -106,7 +107,7 @@ class RgGripper:
     Parameters
     ----------
     link : the line to the box; not closed by the gripper
-    model : which of the two it must be
+    model : model required, one of two
     unit : unit of the side of the quick changer it is on
     """
 

@@ -114,7 +114,7 @@ class Arm(Protocol):
         Parameters
         ----------
         q_estimate : (n,) about where it stands
-        opening_mm : at which the jaws pressed on what they hold, None for empty jaws
+        opening_mm : opening at which the jaws pressed on what they hold, None for empty jaws
 
         Returns
         -------
@@ -132,7 +132,7 @@ class Arm(Protocol):
         Parameters
         ----------
         q : target joints
-        speed_share : of the usual speed, above 0 to 1
+        speed_share : share of the usual speed, above 0 to 1
         """
         ...
 
@@ -150,7 +150,7 @@ class Arm(Protocol):
         Parameters
         ----------
         force : 20 to 60
-        speed_share : of the speed with which they usually close on something, above 0 to 1
+        speed_share : share of the speed with which they usually close on something, above 0 to 1
         """
         ...
 

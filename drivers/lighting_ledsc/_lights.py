@@ -29,7 +29,7 @@ class PwmLamp:
     Attributes
     ----------
     name : name used in recipes
-    controller, channel : where it is connected, both from 0
+    controller, channel : its controller and channel, both from 0
     drive : share of full light that level 1 means
     settle_s : from the acknowledge until its light is steady [cell s]
     """

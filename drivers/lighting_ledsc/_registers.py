@@ -23,7 +23,7 @@ class State:
     Attributes
     ----------
     values : values of the four channels, 0 to `cycle`
-    transition_ms : in which a change takes place
+    transition_ms : duration of a change
     is_live : True if values take effect as they are written
     cycle : value of full light
     """

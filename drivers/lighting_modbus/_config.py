@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-CHANNEL_COUNT: Final = 8  # of either module, modbus_devices.md 6.1 and 6.2
+CHANNEL_COUNT: Final = 8  # channels of either module, modbus_devices.md 6.1 and 6.2
 MAX_MV: Final = 10_000  # §6.1: the (B) module takes 0..10000 mV
 
 

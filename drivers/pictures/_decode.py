@@ -29,7 +29,7 @@ def decode(data: bytes, pixels: Pixels) -> NDArray[Any]:
     Parameters
     ----------
     data : the whole file: PNG, JPEG, TIFF, BMP, PGM and PPM, or WebP
-    pixels : which channels
+    pixels : layout of the channels
 
     Returns
     -------

@@ -81,7 +81,7 @@ __all__ = [
     "synchronised_speeds",
 ]
 
-MAX_PLAY_DEG: Final = 2.0  # above it the gear is broken
+MAX_PLAY_DEG: Final = 2.0  # larger play means a broken gear
 MAX_JAW_ZERO_MM: Final = 5.0
 # limits of each setting; SPEED and MAX_FORCE as drivers have used them
 _LIMITS: Final = (

@@ -210,7 +210,7 @@ class UmiScara:
         Parameters
         ----------
         axis : the motor
-        parameter : which of its parameters
+        parameter : parameter number
         value : in the parameter's own units, a signed word
 
         Raises
@@ -386,7 +386,7 @@ class UmiScara:
         Parameters
         ----------
         q_estimate : (6,) joints about which the arm stands, in `kinematics.Q_ORDER`
-        opening_mm : at which the jaws pressed on what they hold; None for empty jaws
+        opening_mm : opening at which the jaws pressed on what they hold; None for empty jaws
 
         Raises
         ------
@@ -461,7 +461,7 @@ class UmiScara:
 
         Parameters
         ----------
-        targets : where each axis that moves is to stand [counts]; the others stay
+        targets : target of each axis that moves [counts]; the others stay
         deadline_s : patience from the start on [cell s]; by default from the nominal speeds
         speeds : SPEED of axes that get a new one, whole numbers >= 1
 
@@ -499,7 +499,7 @@ class UmiScara:
         q : (6,) joints in `kinematics.Q_ORDER` [rad, zed in mm]
         speed : SPEED of the axis that needs longest; the others get less (§8.13)
         deadline_s : patience from the start on [cell s]; by default from the nominal speeds
-        speed_share : of that SPEED, above 0 to 1
+        speed_share : share of that SPEED, above 0 to 1
 
         Raises
         ------
@@ -553,7 +553,7 @@ class UmiScara:
         ----------
         force : MAX_FORCE, which stays; 20 to 60 have been used
         deadline_s : time limit for the jaws at full speed to come to rest [cell s]
-        speed_share : of the speed with which they usually close on something, above 0 to 1
+        speed_share : share of the speed with which they usually close on something, above 0 to 1
 
         Returns
         -------

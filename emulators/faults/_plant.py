@@ -24,7 +24,7 @@ class SupplyChange:
 
     Attributes
     ----------
-    at_s : when [world s]
+    at_s : time [world s]
     on : they have it
     """
 

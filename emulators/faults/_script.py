@@ -49,8 +49,8 @@ class Script:
     ----------
     steps : as described above
     seed : seed of all that is drawn
-    begun_s : when the script was given [world s]
-    verbs : that steps may have
+    begun_s : time at which the script was given [world s]
+    verbs : verbs allowed in steps
 
     Raises
     ------

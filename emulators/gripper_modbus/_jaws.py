@@ -13,7 +13,8 @@ MAX_SPEED_MM_PER_S: Final = 150.0
 MIN_FORCE_N: Final = 20.0
 MAX_FORCE_N: Final = 235.0
 TOUCH_MM: Final = 0.01  # a smaller gap counts as contact
-FORCE_RISE_S: Final = 0.03  # from touching to the force asked for (typical, not from the manual)
+# time from touching to the requested force (typical, not from the manual)
+FORCE_RISE_S: Final = 0.03
 
 
 @dataclass(slots=True)
@@ -23,7 +24,7 @@ class JawModel:
     Attributes
     ----------
     opening_mm : distance of the jaws
-    target_mm : where they are going
+    target_mm : target of the jaws
     speed_mm_per_s : speed of both jaws together
     force_limit_n : force limit of the jaws
     is_driven : True if the motor runs; if not, jaws stay in place and keep what they hold

@@ -54,8 +54,8 @@ class LampSupply(Protocol):
 
         Parameters
         ----------
-        wiring : where it is connected
-        character : how its light follows the drive
+        wiring : its wiring
+        character : response of its light to the drive
         is_wire_broken : the wire that dims it
         """
         ...
@@ -79,7 +79,7 @@ class WaveshareSupply:
 
         Parameters
         ----------
-        wiring : where it is connected
+        wiring : its wiring
         character : response of its light to the dimming voltage
         is_wire_broken : the driver sees an open input
         """
@@ -97,13 +97,13 @@ class LampModel:
 
     Parameters
     ----------
-    wiring : where it is connected
+    wiring : its wiring
     supply : supply that dims and switches it
     character : response of its light to the dimming voltage and to time
 
     Attributes
     ----------
-    wiring : where it is connected
+    wiring : its wiring
     is_dimming_wire_broken : state of the dimming wire; its effect is the supply's affair
     is_dead : the LEDs give no light
     strength : strength of the LEDs, as a fraction of what they gave when new

@@ -15,7 +15,7 @@ ADDRESS_REGISTER: Final = 0x4000
 VERSION_REGISTER: Final = 0x8000
 VERSION_1_00: Final = 0x0064
 
-BAUDRATES: Final = (4800, 9600, 19200, 38400, 57600, 115200, 128000, 256000)  # by code
+BAUDRATES: Final = (4800, 9600, 19200, 38400, 57600, 115200, 128000, 256000)  # baudrates by code
 PARITY_CODES: Final = 3  # none and two more, whose order the vendor gives in two versions (§6.2)
 
 

@@ -34,7 +34,7 @@ class AxisFacts:
 
     Attributes
     ----------
-    ip, ctl : where it answers, umi_rtx.md 1.3
+    ip, ctl : its board and controller, umi_rtx.md 1.3
     nominal_counts_per_s : speed at SPEED 100, umi_rtx.md 7
     lower_counts, upper_counts : its own stops [true counts]; infinite where only a combined limit
         holds, umi_rtx.md 5.2
@@ -73,7 +73,7 @@ ELBOW_COUNTS_PER_DEG: Final = 14.611
 YAW_COUNTS_PER_DEG: Final = 9.740
 WRIST_COUNTS_PER_DEG: Final = 13.487
 ZED_COUNTS_PER_MM: Final = 3.750
-# of the axes that turn; both wrist motors turn pitch and roll
+# counts of the axes that turn; both wrist motors turn pitch and roll
 COUNTS_PER_DEG: Final[dict[Axis, float]] = {
     Axis.SHOULDER: SHOULDER_COUNTS_PER_DEG,
     Axis.ELBOW: ELBOW_COUNTS_PER_DEG,

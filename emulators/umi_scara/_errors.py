@@ -18,8 +18,8 @@ class ArmErrors:
 
     Attributes
     ----------
-    zero_rad : of `shoulder_rad`, `elbow_rad`, `yaw_rad`, `pitch_rad`, `roll_rad`: where the joint
-        is when its counter means 0
+    zero_rad : angles of `shoulder_rad`, `elbow_rad`, `yaw_rad`, `pitch_rad`, `roll_rad` at which
+        their counters mean 0
     zed_zero_mm : the same of zed
     jaw_zero_mm : opening when the counter means 0: pads that are thinner than nominal
     play_counts : play of each motor's gears, from one flank to the other

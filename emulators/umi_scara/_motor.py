@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
-ACCELERATION_S: Final = 0.25  # from rest to the speed of the move; umi_rtx.md 7
+ACCELERATION_S: Final = 0.25  # time from rest to the speed of the move; umi_rtx.md 7
 LAG_S: Final = 0.05  # the true position trails by v * 0.05 s; umi_rtx.md 7
 
 # No source times a stall. It is long against the lag, and short enough that at top speed the error
@@ -63,8 +63,8 @@ class Motor:
     Attributes
     ----------
     exists : False for controllers without a motor, which keep parameters and never move
-    position, set_point : where the axis is, and where the servo wants it
-    goal : where the servo would take the axis in the present step, were nothing in the way
+    position, set_point : position of the axis, and set-point of the servo
+    goal : target of the servo in the present step, without obstacles
     origin : true position that the counter calls 0
     barrier_low, barrier_high : obstacles in the way, infinite when there are none
     pressing : -1 or +1 while a stalled motor keeps pushing there, else 0

@@ -29,8 +29,8 @@ class ArmServer:
     ----------
     wire : device that answers
     clock : world time, by which the replies are paced
-    link_path : where to put a symbolic link to the terminal, so that its name is stable; a link
-        left behind by a predecessor is replaced, anything else is not
+    link_path : path of a symbolic link to the terminal, so that its name is stable; a link left
+        behind by a predecessor is replaced
     """
 
     def __init__(self, wire: ArmWire, clock: WorldClock, link_path: Path | None = None) -> None:

@@ -19,7 +19,7 @@ from ._peripheral import Peripheral, request_length
 log = logging.getLogger(__name__)
 
 BYTE_S: Final = 10 / 9600  # umi_rtx.md 1.2: ten bits at 9600 baud
-LATENCY_S: Final = 0.001  # from the last request byte to the first reply byte; umi_rtx.md 7
+LATENCY_S: Final = 0.001  # time from the last request byte to the first reply byte; umi_rtx.md 7
 FRAME_S: Final = 0.008  # limit for a request's bytes, least time between starts; umi_rtx.md 1.2
 EPSILON_S: Final = 1e-9
 FRAME_TIMEOUT: Final = b"\x0b"
@@ -94,7 +94,7 @@ class ArmWire:
         Parameters
         ----------
         data : any piece of the host's byte stream
-        now_s : when the host handed them to the line [world s], never going back
+        now_s : time at which the host handed them to the line [world s], never going back
         """
         if self.faults.unplugged or not self._is_powered:
             return

@@ -46,7 +46,7 @@ class Event:
     Attributes
     ----------
     by : the gripper, or the tray that was emptied; empty for ``lies``
-    lowest_mm : of the part, above the table
+    lowest_mm : height of the part's lowest point above the table
     is_held : True if a gripper has the part now
     """
 

@@ -52,9 +52,9 @@ class Board:
     ----------
     key : differs between boards that differ
     low_mm, high_mm : (3,) corners of the plate in the board's frame; the upper face is z = 0
-    front, back : of both faces; without a print on it, one bright rectangle
+    front, back : prints of both faces; without a print on it, one bright rectangle
     T_board_back : (4, 4) pose of the print of the lower face
-    bare_mm : of the plate that is bare at its lower side
+    bare_mm : height of bare plate at its lower side
     """
 
     name: str
@@ -80,7 +80,7 @@ class Board:
 
         Parameters
         ----------
-        x_mm, y_mm : where the origin of its frame is, seen from above
+        x_mm, y_mm : origin of its frame, seen from above
         theta_rad : theta of its x axis against the world's, seen from above if it is flat
         tilt_rad : about its x axis; positive lifts its upper side. It then stands on one edge
         """

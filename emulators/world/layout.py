@@ -120,8 +120,8 @@ class LampLayout:
     radius_mm, width_mm : radius and width of a ring: to the middle of its light, and how wide that
         is
     diameter_mm : diameter of a spot
-    drop : by which fraction a panel is darker at its corners
-    slope : by which fraction its light changes from its middle to its edge, across and along
+    drop : fraction by which a panel is darker at its corners
+    slope : fraction by which its light changes from its middle to its edge, across and along
     """
 
     name: str

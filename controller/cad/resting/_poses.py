@@ -107,7 +107,7 @@ def stable_poses(
 
     Parameters
     ----------
-    solid : of one density, unless its centre of mass is given
+    solid : solid of uniform density, unless its centre of mass is given
     min_probability : quasi-static; rarer poses are left out
     centre_of_mass_mm : (3,) CAD frame; None for the centroid of the volume
     """
@@ -121,7 +121,7 @@ def find_resting(
 
     Parameters
     ----------
-    solid : of one density, unless its centre of mass is given
+    solid : solid of uniform density, unless its centre of mass is given
     min_probability : quasi-static; rarer poses are left out
     centre_of_mass_mm : (3,) CAD frame; None for the centroid of the volume, hollows taken out
 

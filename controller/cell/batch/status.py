@@ -18,7 +18,7 @@ class CellStatus:
     state : state of the machine
     label : current activity, for people
     step, step_count : number of the step, and of all steps of the plan, from 1; 0 without one
-    custody : which gripper, tray or table has the part
+    custody : gripper, tray or table with the part
     remaining_s : remaining time of the plan [cell s]; None if unknown
     message : message of the last fault or problem
     alarm : its number and words; empty without one

@@ -69,7 +69,7 @@ class Evidence:
 
         Parameters
         ----------
-        name : of its file, without suffix
+        name : name of its file, without suffix
         picture : (height, width)
         caption : caption of the picture
 

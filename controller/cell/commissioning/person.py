@@ -33,7 +33,7 @@ class Errand:
     ----------
     code : stable short name
     text : for a person
-    orders : to the control port of an emulated cell, with the same effect
+    orders : equivalent orders to the control port of an emulated cell
     """
 
     code: str

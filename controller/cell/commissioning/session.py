@@ -195,7 +195,7 @@ def due(standings: Sequence[Standing], only: str | None) -> tuple[str, ...]:
 
     Parameters
     ----------
-    standings : of all steps, in order
+    standings : standings of all steps, in order
     only : a step to repeat; None for all that are not done
 
     Raises

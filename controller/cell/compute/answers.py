@@ -405,7 +405,7 @@ def locate(
     ----------
     job : recipe and cell
     view_id : id of the view
-    T_world_part : (4, 4) where the part should be
+    T_world_part : (4, 4) expected pose of the part
     holder : objects of the cell that may be in the picture
     backlit, lit : pictures in front of the backlight panel, and by lamp
     is_hold_measured : an earlier view has confirmed how the part is held
@@ -445,7 +445,7 @@ def inspect(
     ----------
     job : recipe and cell
     view_id : id of the view
-    T_world_part : (4, 4) where the part should be
+    T_world_part : (4, 4) expected pose of the part
     holder : objects of the cell that may be in the picture
     backlit, lit : pictures in front of the backlight panel, and by lamp
     is_hold_measured : an earlier view has confirmed how the part is held
@@ -485,7 +485,7 @@ def inspect_on_table(
     ----------
     job : recipe and cell
     view_id : id of the view
-    T_world_part : (4, 4) where the part is
+    T_world_part : (4, 4) pose of the part
     backlit, lit : pictures of the light table, and by lamp
     """
     c = context(job)
@@ -527,7 +527,7 @@ def find_hold(
     Parameters
     ----------
     job : recipe and cell
-    T_world_part : (4, 4) where it should be
+    T_world_part : (4, 4) expected pose of the part
     T_part_tcp : (4, 4) intended grasp
     holder : objects of the cell that may be in the picture
     backlit : picture in front of the backlight panel

@@ -82,7 +82,7 @@ class RunningCell:
 
         Parameters
         ----------
-        name : of its endpoint
+        name : name of its endpoint
         body : person, reason and further fields
 
         Raises

@@ -41,7 +41,7 @@ class Holder:
     user : user of the process
     host : the computer it is on
     pid : its process
-    since : when it took the lock, UTC
+    since : time at which it took the lock, UTC
     control : its control socket; empty if it serves none
     """
 

@@ -144,7 +144,7 @@ def decide(
     Parameters
     ----------
     policy : policy of the cell and the recipe
-    fault : to decide on
+    fault : fault to decide on
     past : recoveries of the same part
     is_parked : the part is on its way to the quarantine tray already: what would park it holds
     """

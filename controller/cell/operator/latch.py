@@ -28,7 +28,7 @@ class Latch:
     ----------
     run : run in which it happened
     code, message : alarm code and text
-    since : when, UTC
+    since : time, UTC
     """
 
     run: str

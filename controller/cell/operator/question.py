@@ -50,7 +50,7 @@ class Answer:
 
     Attributes
     ----------
-    key : of the choice
+    key : key of the choice
     who : name of the person who decided, and the place
     why : the reason given; empty without one
     """

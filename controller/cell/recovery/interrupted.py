@@ -14,7 +14,7 @@ class TakenView:
 
     Attributes
     ----------
-    row : of the view
+    row : row of the view
     sighting : pose of the part then, for a view of the table
     """
 

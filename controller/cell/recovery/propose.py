@@ -63,7 +63,7 @@ class Proposal:
     is_proven : the cell may go on by itself
     person : reason why a person has to look instead; empty if the cell can go on
     homing : the arm homes first, with what its gripper holds; None if it knows where it is
-    look : what a person has to see before accepting; empty for nothing
+    look : points that a person has to check before accepting; empty for none
     """
 
     left: Interrupted

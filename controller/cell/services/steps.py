@@ -99,7 +99,7 @@ class PlanSteps:
         Parameters
         ----------
         step : step to describe
-        started_s : when it began, as `begin` returned it [cell s]
+        started_s : start time, as `begin` returned it [cell s]
         more : further fields of its row
         """
         self.record.note(

@@ -112,7 +112,7 @@ class WireLoop(VirtualTimeLoop):
         ----------
         fd : the descriptor
         callback : function to call
-        *args : with what
+        *args : arguments of the call
         """
         self.remove_reader(fd)
         due_s = self.sources[fd]()

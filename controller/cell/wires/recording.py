@@ -71,7 +71,7 @@ class Recorder:
 
         Parameters
         ----------
-        wire, kind : of the row
+        wire, kind : wire and kind of the row
         info : plain JSON values
         data : bytes
         """

@@ -33,7 +33,7 @@ from .recording import question_of
 Result = TypeVar("Result")
 
 BEAT_S: Final = 2.0  # this loop is never late: every timer is run at its instant
-STATE_HOME: Final = "XDG_STATE_HOME"  # where a run notes its journal
+STATE_HOME: Final = "XDG_STATE_HOME"  # variable of the folder in which a run notes its journal
 FIRST_FD: Final = 1_000_000  # no file has this number
 
 

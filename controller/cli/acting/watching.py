@@ -35,7 +35,7 @@ def watch_cell(
     ----------
     runs_dir : folder of all runs, by whose lock the run is found
     as_json : print one JSON object for each change instead
-    wait, clock : of the wall, in seconds
+    wait, clock : wait and clock in wall seconds
 
     Raises
     ------

@@ -16,8 +16,8 @@ class CalibrationLine:
 
     Attributes
     ----------
-    name : of it
-    measured : when
+    name : name of the kind
+    measured : date
     why_stale : empty while it counts
     run_count : runs that have used it
     valid_runs : after which it is stale; None for never

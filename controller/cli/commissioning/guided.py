@@ -32,7 +32,7 @@ class GuidedOptions:
     out : folder of what is found, None for commissioning/NAME
     step : the one to repeat, None for all that are due
     operator : name of the person who commissions; empty for the user
-    recipes : that the cell is to run; empty for those beside the cell file
+    recipes : recipes for the cell; empty for those beside the cell file
     emulated : options of the emulated cell
     runs : folder of the runs on the cell, for how often each calibration was used
     as_json : print JSON lines

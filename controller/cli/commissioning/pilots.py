@@ -52,7 +52,7 @@ def single_keys(fd: int) -> Iterator[None]:
 
     Parameters
     ----------
-    fd : of the terminal
+    fd : descriptor of the terminal
     """
     before = termios.tcgetattr(fd)
     try:
@@ -102,7 +102,7 @@ class KeyPilot:
     Parameters
     ----------
     who : they are
-    fd : of the terminal
+    fd : descriptor of the terminal
     takes : meaning of Enter; empty if it takes nothing
     """
 

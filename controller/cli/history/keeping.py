@@ -17,7 +17,7 @@ def write_backup(file: Path, runs_dir: Path, *, with_pictures: bool, as_json: bo
 
     Parameters
     ----------
-    file : to write
+    file : file to write
     runs_dir : folder of all runs
     with_pictures : pictures of the runs, too
     as_json : print a JSON line

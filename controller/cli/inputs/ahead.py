@@ -19,7 +19,7 @@ def jobs_among(text: str | None, *, use_cache: bool = True) -> Jobs:
 
     Parameters
     ----------
-    text : of the command line, None without the option
+    text : value on the command line, None without the option
     use_cache : True to leave results computed ahead in the cache
 
     Raises

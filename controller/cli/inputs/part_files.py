@@ -29,7 +29,7 @@ class PartFile:
     ----------
     path, options : the file, and how it is compiled
     recipe : its values apply to grasps and views
-    recipe_path : where the recipe comes from, if the part is its own
+    recipe_path : recipe of the part, if the part is its own
     """
 
     path: Path
@@ -126,7 +126,7 @@ def for_emulator(path: Path, part: CompiledPart, folder: Path) -> Path:
     Parameters
     ----------
     path, part : CAD file, and what it holds
-    folder : where a copy is written, if the file is not such a one
+    folder : folder for a copy, if the file is not such a one
     """
     if part.solid.unit == "mm" and is_binary_stl(path):
         return path

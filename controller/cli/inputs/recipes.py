@@ -25,7 +25,7 @@ def asked_recipes(words: Sequence[str], *, has_counts: bool = True) -> tuple[Ask
 
     Parameters
     ----------
-    words : of the command line
+    words : words of the command line
     has_counts : whether a count may follow a recipe
 
     Raises

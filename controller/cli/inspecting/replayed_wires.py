@@ -29,7 +29,7 @@ def replay_wire_file(
     Parameters
     ----------
     path : file of wires
-    recipe_path, cell_path : to run with, None for those of the recorded run
+    recipe_path, cell_path : recipe and cell file of the replay, None for those of the recorded run
     as_json : print JSON lines instead of sentences
 
     Returns

@@ -27,7 +27,7 @@ class BodyFile:
     Attributes
     ----------
     file : compile options of the file
-    body : of a file of several, what JSON has of it; empty otherwise
+    body : JSON entry of one body of several; empty otherwise
     row : number of placements and size, in words; empty otherwise
     """
 

@@ -28,7 +28,7 @@ def part_json(
     ----------
     part : compiled
     density_g_cm3 : None for the file's
-    characteristics : what is to be measured of it
+    characteristics : characteristics to measure on it
     """
     solid, boundary = part.solid, part.solid.boundary
     density = part.density_g_cm3(density_g_cm3)

@@ -82,7 +82,7 @@ def print_certificates(certificates: Sequence[Certificate], setup: PlannerSetup)
 
     Parameters
     ----------
-    certificates : to print
+    certificates : certificates to print
     setup : setup they were made with
     """
     if not certificates:

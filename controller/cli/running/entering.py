@@ -48,7 +48,7 @@ class Entered:
     Attributes
     ----------
     ends : signals, to be turned into a stop
-    holder : of the lock
+    holder : holder of the lock
     ready : report of the emulator about itself; empty without one
     clock : clock of the cell
     control : unix socket of the emulated cell's control port

@@ -102,7 +102,7 @@ def warn_no_report(error: OSError, path: Path, run_id: str, runs_dir: Path) -> N
     ----------
     error : reason; names the file, which may be one that the report is made of
     path : path of the report
-    run_id, runs_dir : of the run
+    run_id, runs_dir : id of the run, and folder of runs
     """
     file = path if error.filename is None else Path(os.fsdecode(error.filename))
     reason = error.strerror or str(error)

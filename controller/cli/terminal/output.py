@@ -28,7 +28,7 @@ class _Door:
     Parameters
     ----------
     name : name of the stream
-    is_live : what is written may be left out where the reader is slow
+    is_live : True if the text may be left out for a slow reader
     """
 
     def __init__(self, name: str, *, is_live: bool = False) -> None:

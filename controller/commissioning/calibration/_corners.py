@@ -21,7 +21,7 @@ REACH_SQUARES: Final = 0.42  # half side of the window, which ends just short of
 REACH_MAX_PX: Final = 14  # a larger window takes more time and has bent edges in it
 _STEPS_MAX: Final = 14
 _STILL_PX: Final = 2e-4  # a step this short was the last one
-_BLUR_MIN_PX: Final = 0.1  # of the lens; the pixel's own blur is known
+_BLUR_MIN_PX: Final = 0.1  # least blur of the lens; the pixel's own blur is known
 _UNKNOWNS: Final = 9  # u, v, two directions, mean, light's two slopes, contrast, log blur
 
 

@@ -178,7 +178,7 @@ class Calibration:
     parameters_cov : covariance (15, 15) of PARAMETERS, then of the rotation (3) [rad, about the
         camera's axes] and translation (3) [mm] of the world in the camera
     noise_cov : the share of it that comes from the corners' noise; held terms cause the rest
-    rms_px : of the distance of all corners but outliers
+    rms_px : rms distance of all corners but outliers
     noise_px : standard deviation of a corner's u or v
     coverage : share of the picture within the hull of all corners
     condition : condition number of the scaled Jacobian

@@ -147,7 +147,7 @@ def solve(
     Parameters
     ----------
     views : boards found, one for each picture
-    first : of `start`, or of another fit
+    first : parameters of `start`, or of another fit
     free : the intrinsics to be found; the others are 0
     world : flat view that fixes the world's frame
     weights : per view (n,), one over the standard deviation of a corner; 0 leaves it out

@@ -79,7 +79,7 @@ class FingerLook:
     ----------
     q : (6,) joints, as the counters had them
     opening_mm : as the counter had it
-    rays : across the expected edges
+    rays : rays across the expected edges
     offset_px, sigma_px : (n,) positions of the edges along the rays, NaN where there is none
     """
 
@@ -99,7 +99,7 @@ class TcpFit:
     fit : the cell with what the fingers add to it: tool, roll, and all that hangs on them
     jaw_zero_mm, u_mm : opening where the counter means 0, and its standard uncertainty
     ray_count : number of rays of the edges used
-    rms_px : of their distance from the prediction
+    rms_px : rms of their distance from the prediction
     """
 
     fit: CellFit

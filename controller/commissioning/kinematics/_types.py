@@ -96,7 +96,7 @@ class CameraPrior:
         )
 
 
-# of a print measured by a caliper: 0.03 mm in 150 mm; one standard deviation
+# standard deviation of a print measured by a caliper: 0.03 mm in 150 mm
 _PRINT_SCALE: Final = even_std(0.0002)
 
 
@@ -123,7 +123,7 @@ class Placing:
 
     Attributes
     ----------
-    x_mm, y_mm, angle_rad : of the board in the world
+    x_mm, y_mm, angle_rad : position and angle of the board in the world
     height_mm : height of the print over the table
     mm, rad : standard deviations of x and y, and of the angle; 0 holds them
     """

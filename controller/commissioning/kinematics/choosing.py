@@ -102,7 +102,7 @@ def choose(
     Parameters
     ----------
     prior : prior of the cell
-    candidates : that the arm can go to; those that show no board are passed over
+    candidates : candidates within the arm's reach; those that show no board are skipped
     corners_mm : corners of each face, (n, 2)
     count : number of pictures
     on_table : pictures of the board on the table, which are there in any case

@@ -19,7 +19,8 @@ from controller.arrays import BoolArray, FloatArray
 from .layout import PictureTerms
 
 _FACTORS: Final[tuple[float, ...]] = (0.0, *(2.0 ** (k / 2.0) for k in range(-10, 9)))
-_MAD: Final = 1.4826  # from the median absolute deviation to the standard deviation, normal noise
+# ratio of the standard deviation to the median absolute deviation, normal noise
+_MAD: Final = 1.4826
 _POSE_SIZE: Final = 6
 
 
@@ -63,10 +64,10 @@ def whitening(
 
     Parameters
     ----------
-    terms : of the picture
+    terms : terms of the picture
     used : (n,) corners that are no outliers
     noise_px : standard deviation of a corner's u or v
-    joint_std : (6,) of the joints from stop to stop
+    joint_std : (6,) standard deviations of the joints from stop to stop
     """
     weights = np.repeat(used, 2) / noise_px
     if terms.by_joints is None or not joint_std.any():
@@ -103,7 +104,7 @@ def in_line(terms: PictureTerms, used: BoolArray, noise_px: float, limit_sigma: 
 
     Parameters
     ----------
-    terms : of the picture
+    terms : terms of the picture
     used : (n,) corners that the pose is fitted to
     noise_px : standard deviation of a corner's u or v
     limit_sigma : distance beyond which a point is an outlier

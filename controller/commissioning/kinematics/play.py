@@ -31,7 +31,7 @@ class StopPicture:
 
     Attributes
     ----------
-    stop : which stop; all pictures of one have the same counts, but for a few
+    stop : number of the stop; all pictures of one have the same counts, but for a few
     above : motors that came from above; all others came from below
     """
 
@@ -79,7 +79,7 @@ def measure_play(
     Parameters
     ----------
     layout, x : the cell as it is known, roughly is enough
-    stops : of each motor at least one stop that it came to from above, and from below
+    stops : for each motor at least one stop that it came to from above, and from below
     motors : rates of the joints for each motor, per radian of its own scale
 
     Raises

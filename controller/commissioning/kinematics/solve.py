@@ -72,7 +72,7 @@ class CellFit:
     layout : names and meaning of the unknowns
     x, cov : (m,) and (m, m) the unknowns less their priors, and their covariance
     noise_px : standard deviation of a corner's u or v
-    joint_std : (6,) of the joints from stop to stop [rad, mm]
+    joint_std : (6,) standard deviations of the joints from stop to stop [rad, mm]
     used : masks of the corners used in each picture
     misfit : minus twice the logarithm of how likely the pictures are; less is better, by the same
         pictures

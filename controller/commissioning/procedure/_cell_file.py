@@ -40,7 +40,7 @@ def calibrated_text(text: str, references: Mapping[CalibrationName, CalibrationR
 
     Parameters
     ----------
-    text : of the cell file
+    text : text of the cell file
     references : file and hash of each calibration; empty takes the section out
     """
     kept = without_calibrations(text)

@@ -90,7 +90,7 @@ class GivenAnswer(Section):
 
     Attributes
     ----------
-    text : of the question
+    text : text of the question
     choice : answer given
     who : gave the answer
     """
@@ -109,7 +109,7 @@ class StepRecord(Section):
     message : reason why it did not pass; empty if it did
     began, ended : UTC
     by : name of the person who commissioned
-    software : that did
+    software : software used
     cell : name of the cell
     cell_digest : digest of what the nominal cell file describes, `cell_digest`
     emulated : the devices that were emulated

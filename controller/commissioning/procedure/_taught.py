@@ -24,7 +24,7 @@ def with_values(text: str, section: str, values: Values) -> str:
 
     Parameters
     ----------
-    text : of the cell file
+    text : text of the cell file
     section : key at the top level
     values : by key of that section, as YAML on one line
 

@@ -62,7 +62,7 @@ def site_report(
 
     Parameters
     ----------
-    parts : of `prepare_part` in this layout
+    parts : results of `prepare_part` in this layout
     layout : the cell as it stands
     options : extent of the search, and noise level; None for the defaults
     progress : called with the name of the step, steps done and steps in all

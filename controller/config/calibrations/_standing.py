@@ -38,7 +38,7 @@ class Standing:
 
     Attributes
     ----------
-    measured : when
+    measured : date
     why_stale : empty while it counts
     """
 
@@ -86,7 +86,7 @@ def standing_of(
 
     Parameters
     ----------
-    references, found : of one cell file, by name
+    references, found : references and calibrations found in one cell file, by name
     now : with its offset from UTC
     usage : so far, by the hash of the calibration file
     """

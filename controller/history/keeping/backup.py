@@ -38,7 +38,7 @@ class Backup:
 
     Attributes
     ----------
-    file_count, size : of the files in it [bytes]
+    file_count, size : number of files in it, and their size [bytes]
     left_out : files that could not be read, or were changed while they were read
     """
 

@@ -78,7 +78,7 @@ def mesh_of(recipe: Mapping[str, Any], stored: Mapping[str, str], folder: Path) 
 
     Parameters
     ----------
-    recipe : of the run
+    recipe : recipe of the run
     stored : files that the run was started with, as its first row has them
     folder : folder of the run
     """

@@ -42,7 +42,7 @@ class RefusedError(Exception):
 
     Attributes
     ----------
-    status : of the answer
+    status : status of the answer
     """
 
     def __init__(self, status: int, text: str) -> None:

@@ -94,7 +94,7 @@ class Frame:
         template : its name
         values : values for the template, by name
         screen : screen with its texts
-        status : of the answer
+        status : status of the answer
         """
         language = language_of(request)
         text = self.templates.get_template(template).render(
@@ -154,7 +154,7 @@ class Visit:
         Parameters
         ----------
         template : its name within the screen's `templates/`, or the shared ones
-        status : of the answer
+        status : status of the answer
         values : values for the template, beside `who`, `role`, `may_act`, `may_edit` and those of
             the frame
         """

@@ -95,7 +95,7 @@ class RunFold:
     state, arm, part : states of cell, arm and part
     is_at_rest : the run has come to rest; what is left of it is its report
     compared : numbers of samples of each face of the current part: compared so far, and in all
-    began_utc : when it began
+    began_utc : start time
     """
 
     run: str

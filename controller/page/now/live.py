@@ -391,7 +391,7 @@ def light_of(status: StatusReply | None, has_run: bool, state: str) -> str:
 
     Parameters
     ----------
-    status : of the running cell, None without one
+    status : status of the running cell, None without one
     has_run : somebody has the cell
     state : state of the machine
     """

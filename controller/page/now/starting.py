@@ -359,7 +359,7 @@ def require_known(body: StartBody, choices: Choices) -> None:
 
     Parameters
     ----------
-    body : of the start
+    body : body of the start
     choices : allowed names
 
     Raises

@@ -88,7 +88,7 @@ class Draft:
 
     Attributes
     ----------
-    text : of the file
+    text : text of the file
     sha256 : SHA-256 of the text
     diff : lines of a unified diff from the file to it; empty where nothing changes
     """

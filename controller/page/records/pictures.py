@@ -48,7 +48,7 @@ def shown(runs_dir: Path, run: str, number: int) -> Shown | None:
     Parameters
     ----------
     runs_dir : folder of all runs
-    run, number : of the part
+    run, number : run and number of the part
 
     Raises
     ------

@@ -182,7 +182,7 @@ class Records:
 
         Parameters
         ----------
-        run, number : of the part
+        run, number : run and number of the part
         """
         async with self._reading:
             if (run, number) in self._shown:
@@ -204,7 +204,7 @@ class Records:
 
         Parameters
         ----------
-        run, number : of the part
+        run, number : run and number of the part
         """
         found = await self.shown(run, number)
         return found if isinstance(found, str) else found.pictures

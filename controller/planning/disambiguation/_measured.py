@@ -14,7 +14,7 @@ from ._pictures import EdgePicture
 from ._separate import Predicted
 
 SMOOTH_PX = 1.2
-EDGE_NOISES = 8.0  # in noises of the picture: a step is an edge, and half of it continues one
+EDGE_NOISES = 8.0  # strength of an edge in noises of the picture; half of it continues one
 MIN_STEP_GREY = 8.0
 
 

@@ -20,7 +20,7 @@ class DisambiguationRules:
         9.0  # nothing is compared this near to the arm gripper (inspection/_scene.py)
     )
     crease_rad: float = float(np.radians(20.0))  # a blunter edge may not show under a ring lamp
-    step_mm: float = 0.5  # nor may a lower step whose wall is not seen
+    step_mm: float = 0.5  # a lower step may not show if its wall is hidden
     coarse_px: int = 4  # pictures of all views are predicted on every fourth pixel
     fine_px: int = 2
     fine_count: int = 3  # the cheapest and the clearest views of a pair, again on a finer grid

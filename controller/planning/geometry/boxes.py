@@ -115,7 +115,7 @@ def overlap_turned(
     ----------
     R_a, R_b : (n, 3, 3) rotations in one frame
     a, b : (n, 3) half of each edge [mm]
-    offset : (n, 3) from the centre of each a to that of its b, in that frame [mm]
+    offset : (n, 3) offset from the centre of each a to that of its b, in that frame [mm]
     """
     turn = np.swapaxes(R_a, 1, 2) @ R_b
     across = np.abs(turn) + _EPS

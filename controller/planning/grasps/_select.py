@@ -24,7 +24,7 @@ def resting_pose(
     ----------
     solid : the part
     pose : the stable pose
-    x_mm, y_mm : of the centre of mass in the world
+    x_mm, y_mm : position of the centre of mass in the world
     theta_rad : anticlockwise about +z
     """
     c, s = np.cos(theta_rad), np.sin(theta_rad)

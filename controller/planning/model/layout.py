@@ -62,7 +62,7 @@ class Jaw:
 
         Parameters
         ----------
-        opening_mm : between the pads
+        opening_mm : opening between the pads
         behind_mm : extra length backwards, for the straight path in
         until_mm : a second, wider opening: the boxes hold all openings between; None for one alone
         """

@@ -119,7 +119,7 @@ def shortened(
     ----------
     path : (6,) each, free all along, both ends included
     scene : load on the arm, and the obstacles
-    ends : of the whole path
+    ends : ends of the whole path
     rng : source of randomness for cutting corners
     """
     layout = scene.layout

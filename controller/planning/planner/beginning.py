@@ -28,7 +28,7 @@ from .build import Build, Builder, RefutedError
 from .costs import RegraspSite, first_seconds, take_seconds
 
 PICK_COUNT = 3  # pick paths of one grasp that are tried, the nearest first
-AMONG_COUNT = 8  # the same among neighbours, which are in the way of many
+AMONG_COUNT = 8  # the same number among neighbours, which block many paths
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,7 +21,7 @@ from ..search import Problem
 # Time lost by a failed grasp: the part is found, recognised and grasped again in about a minute.
 RECOVERY_S = 60.0
 MIN_SURE = 0.9  # success rate of a grasp with score 0; one with score 1 does not fail
-TRAVEL_S = 2.0  # from one view to the next, on the average; their order is decided afterwards
+TRAVEL_S = 2.0  # mean time from one view to the next; their order is decided afterwards
 FINISH_S = 10.0  # time of sorting, much the same from every grasp
 UNSTEADY_S = 60.0  # time worth spending so that the part does not fall over in its tray
 

@@ -22,7 +22,7 @@ from .choice import worth_of
 from .costs import EdgeCosts
 
 ROUND_COUNT = 3  # other views leave other spots blind; the last round only adds views
-NODE_COUNT = 500  # of the search for the cheapest views
+NODE_COUNT = 500  # limit of the search for the cheapest views
 
 
 class SecondChoice:

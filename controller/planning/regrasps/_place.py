@@ -22,7 +22,7 @@ TRIED_COUNT = 60
 RISEN_COUNT = 20
 BATCH_SIZE = 8
 FLAT_RAD = 1e-6
-STEADY_RAD = np.radians(20.0)  # what tips sooner may fall over as the jaws let go of it
+STEADY_RAD = np.radians(20.0)  # a part that tips sooner may fall over when the jaws release it
 # least angle below the horizontal at which the arm gripper comes down
 FROM_ABOVE_RAD = np.radians(30.0)
 

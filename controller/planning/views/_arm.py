@@ -18,7 +18,7 @@ from ..model import CellLayout
 from .gripper import FINGER_SHADOW_MM
 
 _PIECE_COUNT = 4  # pieces of the cone, each held by a box
-DIRECTION_COUNT = 12  # as many as there are rolls
+DIRECTION_COUNT = 12  # equal to the number of rolls
 _MIN_DEPTH_MM = 1.0
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 

@@ -22,7 +22,8 @@ class BoundaryCorners:
 
     Attributes
     ----------
-    distance_px : (n,) along the boundary from its start; half a pixel where a plateau is even
+    distance_px : (n,) distance along the boundary from its start; half a pixel where a plateau is
+        even
     size : (n,) filter output there, without its sign: a right angle gives the box-car's length
     sign : (n,) +1 where the object juts out, -1 where it is notched
     index : (n,) nearest sample of the boundary

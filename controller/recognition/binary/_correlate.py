@@ -61,7 +61,7 @@ def correlate(
 
     Parameters
     ----------
-    observed : of the object
+    observed : description of the object
     models : of views made for about the same place on the table; those whose perimeter or area is
         out of tolerance are passed over
     limits : tolerances, for the camera's pixels

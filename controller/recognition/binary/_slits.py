@@ -19,7 +19,7 @@ def without_slits(
     ----------
     loops : each (n, 2), either way round, the first point not repeated; of fewer than three points
         are left out
-    is_hole : of each loop
+    is_hole : mask of the loops that are holes
     width_mm : width of the widest slit to go, in the unit of the loops
     """
     body: BaseGeometry = shapely.Polygon()

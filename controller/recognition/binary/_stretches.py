@@ -219,7 +219,7 @@ def observed_stretches(
     own : (n,) masks of the part's own points of each loop
     wanted : (n,) masks of each loop; a stretch must have half its points in it
     length_mm : length of a stretch
-    step_mm : between anchors
+    step_mm : step between anchors
     """
     shapes = [np.zeros((0, 2 * POINTS), np.float32)]
     middles, directions = [np.zeros(0, np.complex128)], [np.zeros(0, np.complex128)]

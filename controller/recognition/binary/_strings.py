@@ -102,7 +102,7 @@ def boundary_string(
     Parameters
     ----------
     loops_mm : each (n, 2) closed, the first point not repeated, in the table plane
-    is_hole : of each loop; of several outer loops the largest is the outline
+    is_hole : mask of the loops that are holes; of several outer loops the largest is the outline
     limits : spacing and sizes of corners follow the pixel's
 
     Raises

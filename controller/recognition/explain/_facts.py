@@ -55,7 +55,7 @@ class EdgeState:
     ----------
     edges : their samples
     which : (n,) indices of those reported
-    found : (n,) where they should be
+    found : (n,) expected positions
     need_not_show : (n,) mask of edges that may be there though they are invisible
     """
 

@@ -48,7 +48,7 @@ def window(picture: Grey, camera: Camera, facts: ObjectFacts, side: int) -> Shee
     picture : (h, w) the whole one
     camera : camera of the picture; gives the shape of a pixel
     facts : facts of the object
-    side : of the canvas, in its pixels
+    side : length of the canvas's sides, in its pixels
     """
     low, high = np.array(facts.trace.region.box_px, dtype=np.float64).reshape(2, 2)
     if facts.shown >= 0:
@@ -278,7 +278,7 @@ def draw_others(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
     ----------
     sheet : over the object
     facts : facts of the object; of ``others`` the best few are drawn
-    camera : that took the picture
+    camera : camera that took the picture
     """
     draw_contour(sheet, facts)
     others = list(zip(facts.others, RUNNER_UPS, strict=False))[::-1]  # the best on top

@@ -133,7 +133,7 @@ class Sheet:
         text : one line
         pixel : (2,) pixel of the picture, x before y
         colour : colour of the letters: blue, green, red
-        shift : (x, y) from the pixel to the upper left corner of the ground, in pixels of the
+        shift : (x, y) shift from the pixel to the upper left corner of the ground, in pixels of the
             canvas
         """
         x, y = np.round(self.at(pixel[None]))[0].astype(int).tolist()

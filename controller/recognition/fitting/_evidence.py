@@ -262,8 +262,8 @@ def grey_evidence(
         need no explanation; None where all do
     shade : tells which points of a picture lie where the part shades itself: an edge there may be
         a shadow's under all lamps, and none of the part; None for no such place
-    by_lamp : of a measure of several lamps each lamp's picture is looked in by itself, and how
-        often an edge is found by chance is measured
+    by_lamp : True for a measure of several lamps: each lamp's picture is searched by itself, and
+        the chance of finding an edge is measured
     """
     on = edges.on_outline
     if by_lamp and greys[0].is_joint:
@@ -422,7 +422,7 @@ def is_predicted(points_px: FloatArray, edges: EdgePoints, step_px: float) -> Bo
     ----------
     points_px : (n, 2) x before y, in the whole picture
     edges : the predicted ones
-    step_px : between their samples along an edge
+    step_px : step between their samples along an edge
     """
     pixels, normals = edges.pixels, edges.normals
     if len(pixels) == 0 or len(points_px) == 0:

@@ -88,8 +88,8 @@ class EdgeFit:
         outline, that alone
     gaps : further edges of the picture beside them
     sigma_px : robust standard deviation of the gaps
-    covariance : (3, 3) of x [mm], y [mm] and the turn about z [rad] of the centre of mass, where
-        nothing else is to be known
+    covariance : (3, 3) covariance of x [mm], y [mm] and the turn about z [rad] of the centre of
+        mass, if nothing else is unknown
     """
 
     T_world_part: FloatArray
@@ -195,7 +195,7 @@ def _descend(
     edges, jacobian : predicted, and how they move with the part (n, 6)
     pivot : (3,) fixed point of the rotations
     done : (6,) offset of the part from its prior
-    camera, measure : where edges are found
+    camera, measure : camera and measure for finding edges
     reach_px : range of the search in the first step
     options : number of steps, and the free parameters
     """

@@ -23,7 +23,7 @@ STEP_MM = 0.5  # a step this high shows even if both its sides are turned the sa
 MIN_STEP_MM = 0.25
 SEEN_SHARE = 0.5  # share of the edges tested below which hidden ones are left out
 CLOSE_MM = 0.015  # distance beside an edge at which an outline has nothing behind it
-BESIDE_MM = 0.45  # beside an edge inside its two sides are probed: about 1.5 px
+BESIDE_MM = 0.45  # distance beside an inner edge at which its two sides are probed: about 1.5 px
 CREASE_BEND = 0.2  # |n1 - n2| of what shows as a crease: 11 degrees
 END_ON = 0.05  # sine between a line of sight and an edge that is seen as a point
 AHEAD_MM = 0.2  # step along an edge and beside it, to find its direction in the picture
@@ -42,7 +42,7 @@ class EdgePoints:
     lift : (n,) expected brightness of the far side along ``normals`` less that of the near one
         under light from the camera's side: difference of cosines, the table left out
     jump_mm : (n,) depth of one side less that of the other; 0 on the outline
-    step_mm : between samples along the edges, square to the sight line
+    step_mm : step between samples along the edges, square to the sight line
     edge : (n,) index of the model's edge; empty if it is unknown
     """
 

@@ -24,7 +24,7 @@ def by_lines(
     corner_px : (x0, y0) corner of the crop in the picture
     camera : overhead, calibrated
     library : library of the possible parts
-    most : of proposals
+    most : largest number of proposals
     """
     corner = np.array(corner_px, dtype=np.float64)
     features = image_features(crop, lambda p: camera.on_plane(p + corner)[:, :2])
@@ -56,7 +56,7 @@ def by_sweep(
     free : (h, w) mask of the area free of other things
     camera : overhead, calibrated
     library : library of the possible parts
-    most : of proposals
+    most : largest number of proposals
     """
     corner = np.array(corner_px, dtype=np.float64)
     clear, *shown = (_edgelets(crop, corner, free, camera) for crop in crops)

@@ -21,7 +21,8 @@ ABSENT_LIT = -1.0  # log-odds of a missing one, under lamps
 ABSENT_DARK = -0.1  # in the dark inside of a backlit part an edge that does not show means little
 SHOWS = 0.85  # probability that an existing edge shows under one of the lamps
 CHANCE_MIN = 0.05  # least chance that an edge is found by accident in any picture
-MAX_CHANCE = 0.9  # where edges are everywhere, hardly any can be told from chance
+# limit of the chance; where edges are everywhere, hardly any is distinguishable from chance
+MAX_CHANCE = 0.9
 MAX_LOG_ODDS = 12.0  # largest log-odds from any one kind of evidence
 
 
@@ -46,9 +47,9 @@ class Weights:
     length: float = 0.0
 
 
-# Fitted as benchmarks/fit_scores.py does it, to path-traced pictures of 26 parts, and under lamps
-# of 14 with `--halves` and trace_pictures.py's `--wide`; they are other pictures than those
-# recognition is judged by. An outline that is known whole is judged without what lies inside it.
+# Fitted by benchmarks/fit_scores.py to path-traced pictures of 26 parts, and under lamps of 14 with
+# `--halves` and trace_pictures.py's `--wide`; recognition is judged by other pictures. A whole
+# outline is judged without its inside.
 SILHOUETTE = Weights(-6.4, 0.0, 12.22, 0.0, -3.66, -1.45, 0.0, 0.0)
 FRONT = Weights(-9.62, 0.0, 7.47, 5.48, -1.46, -1.85, 4.48, 0.24)
 INNER_HALF_MM = 20.0  # length of inner edges that counts half beside the outline

@@ -39,7 +39,7 @@ class Sighting:
     T_world_part : (4, 4), None if unknown; with the small tilt of table and part, if one was found
     score : probability that part and pose are right, 0..1; of an unknown object, that it is one
     sigma_mm, sigma_rad : standard deviations of the place (the larger of x and y) and of the turn
-    covariance : (3, 3) of x [mm], y [mm], theta [rad], None if unknown
+    covariance : (3, 3) covariance of x [mm], y [mm], theta [rad], None if unknown
     ambiguous_with : hypotheses the pictures cannot tell from this one
     area_mm2, box_px : area and box of the object in the picture (x0, y0, x1, y1)
     residual_px : robust standard deviation of the edges from their predictions

@@ -53,7 +53,7 @@ class Candidate:
     ----------
     part, pose : indices
     theta_rad : turn about z
-    x_mm, y_mm : of the centre of mass
+    x_mm, y_mm : position of the centre of mass
     overlap : cosine of the two silhouettes, 0..1
     distance : in the index
     slack_mm : allowance for the offset of its position from the one that the view was made for

@@ -35,8 +35,8 @@ class Entry:
     ----------
     name : name of the part
     poses : the stable poses it may be found in; of those that a symmetry makes the same, the first
-    turns_rad : of each pose, the turns about the vertical that leave it as it is, 0 first; empty
-        where any turn does
+    turns_rad : turns about the vertical that leave each pose unchanged, 0 first; empty if any turn
+        does
     centroid_mm : (3,) centre of mass, CAD frame
     extent_mm : its longest side
     views : views of these poses

@@ -55,7 +55,8 @@ class PartViews:
     Attributes
     ----------
     pose : (n,) index of the stable pose
-    place_mm : (n, 2) from the point below the camera to the centre of mass, the part at turn 0
+    place_mm : (n, 2) place from the point below the camera to the centre of mass, the part at turn
+        0
     area_mm2 : (n,) area of the shadow
     perimeter_mm : (n,) perimeter of the shadow, its holes' included
     centroid_mm : (n, 2) centroid of the shadow, from the centre of mass, the part at turn 0
@@ -103,7 +104,7 @@ def pose_on_table(
     ----------
     part : knows its centre of mass, CAD frame
     pose : the stable pose
-    x_mm, y_mm : of the centre of mass in the world
+    x_mm, y_mm : position of the centre of mass in the world
     theta_rad : anticlockwise about +z
     """
     c, s = np.cos(theta_rad), np.sin(theta_rad)

@@ -56,7 +56,7 @@ def propose_partial(
     cluster : several parts, or one that is cut
     library : library of the possible parts
     is_open : (m,) mask of the cluster's outline points without an explanation yet
-    most : of proposals
+    most : largest number of proposals
     per_place : of one stable pose turned differently in one place, that come before others
     most_weighed : of poses by all samples; None for all that the first samples leave, where an
         outline is known so badly that others' turns come before the right ones

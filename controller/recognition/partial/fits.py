@@ -34,7 +34,8 @@ from .cluster import CELL_PX, Cluster
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 FAR_PX = 2.5
 COVERED_PX = 2.0  # distance outside an outline where the cluster goes on if something covers it
-MEETING_MM = 5.0  # from the end of a covered stretch: a narrow wedge of light fills up with blur
+# distance from the end of a covered stretch: a narrow wedge of light fills up with blur
+MEETING_MM = 5.0
 SHORT_MM = 2.5  # covered stretches this short are touched at a point
 FIRST_MM = 5.0  # largest offset of a candidate, a tall part's slack aside
 # Where what covers a part is unknown, it may be more of the part itself: a boss that is taller than

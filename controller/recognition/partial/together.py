@@ -45,7 +45,7 @@ def by_place(fits: Sequence[Fit], share: float, most: int) -> list[list[Fit]]:
     ----------
     fits : the best ones first
     share : as for `are_one_place`
-    most : of places; fits about others are left out
+    most : largest number of places; fits about others are left out
     """
     places: list[list[Fit]] = []
     for fit in fits:

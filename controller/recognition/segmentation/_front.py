@@ -19,7 +19,7 @@ from ._types import Region
 
 MARGIN_PX = 24  # margin of a crop: its rim is table, beyond most of a contact shadow
 MIN_BRIGHT = 0.15  # a thing is brighter than the table by this share, and by more than its texture,
-BRIGHT_NOISES = 5.0  # by more than the noise of a dark table,
+BRIGHT_NOISES = 5.0  # a thing is brighter by more than the noise of a dark table,
 BRIGHT_STEPS = 1.5  # and by more than rounding to few levels: one step is no thing
 TEXTURE_FACTOR = 5.0  # factor on the scatter of the table itself
 SLOPE_PX = 9  # window over which a slope is distinguished from a step
@@ -63,7 +63,7 @@ def find_front(
     reduced, relative : (h, w) the picture ``factor`` times smaller; the same over the ground
     factor : reduction factor of the picture
     ground : the table's level
-    noise : from pixel to pixel
+    noise : noise from pixel to pixel
     step : distance of grey levels
     usable : (height, width) mask of the table; None for everywhere
     min_area_px : smallest area that is not a speck [px of the picture]

@@ -13,7 +13,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, ByteArray, IndexArray
 
-THIN_PX = 5  # what is solid over less than this is a border only
+THIN_PX = 5  # a solid area narrower than this is only a border
 BESIDE_PX = 3  # a border this near something solid is its own
 JOIN = 6  # factor on the blurred width: gaps up to twice this are bridged
 MIN_OPEN_PX = 30  # factor on the same: length of open border from which a thing is searched for

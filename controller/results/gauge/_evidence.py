@@ -26,7 +26,7 @@ class Evidence:
 
     Attributes
     ----------
-    at : when it was made, UTC
+    at : date, UTC
     part, cad_sha256 : the product, and its CAD file
     software : versions by name
     inputs : each reading: its source, part, start pose, grasp, and SHA-256 of files or rows by name

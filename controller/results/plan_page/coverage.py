@@ -48,7 +48,7 @@ class Key:
 
     Attributes
     ----------
-    share : of all surface
+    share : share of all surface
     """
 
     words: str
@@ -88,7 +88,7 @@ def coverage_map(
     samples : its surface samples; their areas are the weights
     plan : plan with the samples of each view, and the reasons for the rest
     painter : colours of the part by its samples
-    R_world_part : (3, 3) in which it is drawn
+    R_world_part : (3, 3) rotation in which it is drawn
     """
     weights = samples.areas_mm2 / samples.areas_mm2.sum()
     words, colours = states(samples, plan)

@@ -108,7 +108,7 @@ def entry_of(row: Row, t0_s: float) -> LogEntry:
 
     Parameters
     ----------
-    row : of the journal
+    row : row of the journal
     t0_s : instant of the run's first row [wall s]
     """
     said, flaw = None, ""

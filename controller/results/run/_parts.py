@@ -73,7 +73,7 @@ class PartFold:
         Parameters
         ----------
         row : content of the row
-        at : when it was written; None if that is no matter
+        at : time of the row; None to omit it
         """
         if at is not None:
             if isinstance(row, rows.PartReviewed):

@@ -429,7 +429,7 @@ class LogEntry:
     body : as the journal keeps it
     row : its model; None if this version does not know or cannot read such a row
     flaw : reason why it cannot be read; empty otherwise
-    cell_s : when it was written, by the cell's clock [cell s]; None if it does not say
+    cell_s : time of the row by the cell's clock [cell s]; None if unknown
     """
 
     seq: int

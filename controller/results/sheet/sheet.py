@@ -76,7 +76,7 @@ def write_sheet(parts: Sequence[CompiledPart], density_g_cm3: float | None, path
     Parameters
     ----------
     parts : the parts, in the order of the page
-    density_g_cm3 : of all parts; None for the one in each file, or else of aluminium
+    density_g_cm3 : density of all parts; None for the one in each file, or else of aluminium
     path : HTML file to write
 
     Raises

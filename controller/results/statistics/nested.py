@@ -40,7 +40,7 @@ class NestedStudy:
 
     Attributes
     ----------
-    n, mean : of all values
+    n, mean : number and mean of all values
     components : from the coarsest level to the finest
     hidden : levels of which there is one group only, so that nothing is known of what they add
     counts : groups of each level, by name; of the finest the values
@@ -80,8 +80,8 @@ def nested_study(
     Parameters
     ----------
     values : n of them
-    groups : of each value the group on each level but the finest, the coarsest first; a group is
-        known by its name within its own coarser group
+    groups : name of each value's group on each level but the finest, the coarsest first; a group is
+        known by its name within its own
     names : names of all levels, the coarsest first; the last one is of the values themselves
 
     Raises

@@ -30,7 +30,7 @@ class ControlSetting:
 
     Attributes
     ----------
-    control, name : which
+    control, name : control and its name
     wanted : the value to be set
     got : value read back; None if there is no such control or it cannot be read
     problem : reason why ``got`` is not ``wanted``; empty if it is, or if there was nothing to lock
@@ -129,7 +129,7 @@ def set_and_compare(
     Parameters
     ----------
     device : the open camera
-    control : which
+    control : control to set
     wanted : in the control's own units
     is_needed : whether a camera without this control has a problem (an automatic that is not
         there needs no switching off)

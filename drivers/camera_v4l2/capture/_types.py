@@ -30,7 +30,7 @@ class CameraConfig:
     frame_timeout_s : patience beyond what frame rate and exposure explain [s]
     is_start_stamp_trusted : whether a stamp flagged "start of exposure" is one; None: unless the
         kernel driver is uvcvideo, which flags so but stamps the first packet's arrival
-    dev_root, sysfs_root : where ``serial:`` and ``usb:`` are searched
+    dev_root, sysfs_root : folders searched for ``serial:`` and ``usb:``
     """
 
     device: str
@@ -120,7 +120,7 @@ class CameraStats:
     stale_count : exposed, in part or wholly, before the instant required
     adapting_count : passed over after a change of exposure
     error_count : flagged ERROR by the camera's driver
-    short_count : of the wrong number of bytes
+    short_count : number of buffers with a wrong number of bytes
     broken_count : JPEGs that are not whole, lost data on the way or do not decode
     lost_count : missing by their sequence numbers while the driver waited for frames
     idle_gap_count : missing because nobody waited and the buffers were full

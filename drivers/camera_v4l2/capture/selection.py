@@ -61,7 +61,7 @@ def stamp_of(
     ----------
     buffer : as DQBUF gave it
     stamp_s : its time stamp on the cell's scale [s]
-    dequeued_s : when DQBUF gave it [s]
+    dequeued_s : time at which DQBUF returned it [s]
     last_empty_s : when the queue was last seen empty [s]; a frame without a usable stamp
         ended after that, and that is all that is known about it
     period_s : frame period [s]
@@ -85,7 +85,7 @@ def earliest_light_s(stamp: Stamp, exposure_s: float, margin_s: float) -> float:
 
     Parameters
     ----------
-    stamp : of the frame
+    stamp : stamp of the frame
     exposure_s : its exposure [s]
     margin_s : time between the stamp and the exposure's marked end [s]: readout for an end stamp,
         the camera's and encoder's buffering for a first-packet stamp

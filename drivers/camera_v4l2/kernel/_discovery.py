@@ -62,7 +62,7 @@ def find_node(address: str, dev_root: Path = DEV_ROOT, sysfs_root: Path = SYSFS_
     Parameters
     ----------
     address : a node's path, ``unix:/path.sock``, ``serial:<USB serial>`` or ``usb:<port path>``
-    dev_root, sysfs_root : where nodes and sysfs are mounted
+    dev_root, sysfs_root : mount points of nodes and sysfs
 
     Raises
     ------

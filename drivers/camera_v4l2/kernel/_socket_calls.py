@@ -95,7 +95,7 @@ class SocketCalls:
         ----------
         fd : the number that `open` returned for this camera
         length : size of the buffer [bytes], from QUERYBUF
-        offset : where the buffer begins in the camera's memory [bytes], from QUERYBUF
+        offset : start of the buffer in the camera's memory [bytes], from QUERYBUF
         """
         memory_fd = self._ask_for_fd(self._line(fd), _MMAP_KIND, _MAP.pack(length, offset))
         try:

@@ -134,7 +134,7 @@ class ControlFlag(IntFlag):
     VOLATILE = 0x0080
 
 
-CTRL_FLAG_NEXT_CTRL: Final = 0x80000000  # with an id: "the first control above it"
+CTRL_FLAG_NEXT_CTRL: Final = 0x80000000  # flag beside an id: "the first control above it"
 
 
 def fourcc(name: str) -> int:

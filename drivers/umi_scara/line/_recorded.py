@@ -326,7 +326,7 @@ class RecordedTransport:
 
     Parameters
     ----------
-    line : that is recorded
+    line : line to record
     clock : clock of the driver
     """
 

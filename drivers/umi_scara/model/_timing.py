@@ -42,8 +42,8 @@ class UmiTiming:
     ramp_s : from rest to full speed
     command_s : first request to the last read-back, once per move, but for what follows
     motor_s : target and speed written, place read back, per motor that moves
-    switch_s : to the other processor, where a move needs wrist and other motors
-    skew_s : by which the wrist may start before or after the other motors
+    switch_s : time to switch to the other processor, if a move needs wrist and other motors
+    skew_s : largest delay of the wrist before or after the other motors
     """
 
     joint_per_s: tuple[float, ...] = (
@@ -61,7 +61,7 @@ class UmiTiming:
     def joint_speeds(self) -> Floats:
         """Full speed of each joint (6,) [rad/s, mm/s].
 
-        Of each motor as well: pitch alone runs both wrist motors at pitch's speed, so does roll.
+        Per motor as well: pitch alone runs both wrist motors at pitch's speed, and so does roll.
         """
         return np.asarray(self.joint_per_s, dtype=np.float64)
 
@@ -90,7 +90,7 @@ class UmiTiming:
         ----------
         q_from, q_to : (6,) ends of the move
         count : instants, evenly spaced
-        skew_s : by which the wrist goes later than the other motors, or sooner
+        skew_s : delay of the wrist against the other motors, or lead
 
         Returns
         -------

@@ -94,7 +94,7 @@ class ArmGeometry:
     tool_mm : wrist centre to TCP, along the approach axis
     wrist_height_mm : wrist centre above the table at zed 0
     tool_off_mm : offset of the TCP from the approach axis, along the jaws' axis and across
-    zero_rad : of shoulder, elbow, yaw, pitch, roll: where the joint is when its counter means 0
+    zero_rad : angles of shoulder, elbow, yaw, pitch, roll at which their counters mean 0
     zed_zero_mm : the same of zed
     yaw_per_elbow : heading that a turn of the elbow adds to the nominal half of it
     sag_mm : by how much the stretched arm hangs lower; less as the elbow folds, with the square of

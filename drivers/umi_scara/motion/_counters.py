@@ -55,7 +55,7 @@ def judge_kept_counters(
     ----------
     between : range that each axis was last sent to [counts]; axes that are left out prove nothing
     counts : readings of all axes at rest [counts]
-    ips : whose counters are in question
+    ips : boards with doubtful counters
     """
     boards = set(ips)
     for axis, (low, high) in between.items():

@@ -31,7 +31,7 @@ class Homing:
     Parameters
     ----------
     axes : the motors
-    config : where the stops are, where to park, speed, force and patience
+    config : positions of the stops, park position, speed, force and patience
     guard : called before every request; raises when the run must not go on
     confirm : awaited with what moves next, before it does; None to home in one go
     """

@@ -49,7 +49,7 @@ class KeepingHoming:
     Parameters
     ----------
     axes : the motors
-    config : where the stops are, where to park, patience
+    config : positions of the stops, park position, patience
     nominal : speed of each axis at SPEED 100 [counts/s]
     press_force : MAX_FORCE with which the jaws press
     guard : called before every request; raises when the run must not go on
@@ -75,9 +75,9 @@ class KeepingHoming:
 
         Parameters
         ----------
-        estimate : where each axis but the gripper stands, roughly [counts]
-        jaws_counts : where the jaws were known to press on something; None for empty jaws, which
-            the press closes
+        estimate : rough position of each axis but the gripper [counts]
+        jaws_counts : position at which the jaws were known to press on something; None for empty
+            jaws, which the press closes
 
         Raises
         ------

@@ -20,7 +20,7 @@ class AxisStalledError(ArmStalledError):
     Attributes
     ----------
     axis : the axis
-    required_counts, got_counts : where it should be, where it is
+    required_counts, got_counts : expected and actual position
     """
 
     def __init__(self, axis: Axis, required_counts: int, got_counts: int, why: str) -> None:
@@ -127,7 +127,7 @@ class MoveWatch:
     Parameters
     ----------
     axes : the motors
-    targets : where each started axis is going [counts]
+    targets : target of each started axis [counts]
     deadline_s : patience from now on [cell s of attended time]
     guard : called while it watches; raises once the motion has been stopped
     """
@@ -214,7 +214,7 @@ async def verify_arrival(
     Parameters
     ----------
     axes : the motors, at rest
-    targets : where each should be [counts]
+    targets : target of each axis [counts]
     tolerances : tolerance of each at rest [counts]
     settle_s : time limit until all are at rest [cell s of attended time]
 

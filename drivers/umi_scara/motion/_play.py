@@ -48,8 +48,8 @@ class GearPlay:
 
         Parameters
         ----------
-        joints : where each joint is to be [counts]
-        motors : where each motor is [counts]
+        joints : target of each joint [counts]
+        motors : position of each motor [counts]
         """
         return {axis: self._target(axis, counts, motors[axis]) for axis, counts in joints.items()}
 

@@ -32,7 +32,7 @@ class HomingConfig:
     Attributes
     ----------
     stop_counts : reading of each axis at its homing stop [counts]
-    park_counts : where each axis goes afterwards [counts]
+    park_counts : final position of each axis [counts]
     zed_speed, zed_force : SPEED and MAX_FORCE on the way up; §3.3's, since UMI's are unknown
     zed_timeout_s, timeout_s : patience for the way to a stop [cell s] (§4.6)
     """
@@ -76,7 +76,7 @@ class Stops:
         Parameters
         ----------
         axis : the motor
-        parameter : which of its parameters
+        parameter : parameter number
         value : in the parameter's own units, a signed word
         """
         await self._axes.write(axis, parameter, value, self._guard)

@@ -201,10 +201,10 @@ SHOULDER_RANGE: Final = (-2630, 2630)
 ELBOW_RANGE: Final = (-2630, 2206)
 ZED_RANGE: Final = (-3303, -20)  # software
 ZED_STOPS: Final = (-3554, 0)
-YAW_LESS_ELBOW_RANGE: Final = (-1071, 1071)  # of yaw - elbow / 3
+YAW_LESS_ELBOW_RANGE: Final = (-1071, 1071)  # range of yaw - elbow / 3
 YAW_ELBOW_RATIO: Final = Fraction(1, 3)  # §5.2, §5.4: the yaw belt runs over the elbow axis
-WRIST_SUM_RANGE: Final = (-2642, 108)  # of W1 + W2: pitch
-WRIST_DIFFERENCE_RANGE: Final = (-3560, 4882)  # of W1 - W2: roll
+WRIST_SUM_RANGE: Final = (-2642, 108)  # range of W1 + W2: pitch
+WRIST_DIFFERENCE_RANGE: Final = (-3560, 4882)  # range of W1 - W2: roll
 GRIPPER_RANGE: Final = (-30, 1200)
 
 # ---- homing (§4.1, §4.2) -------------------------------------------------------------------------

@@ -57,7 +57,7 @@ class V4l2Device:
 
     Parameters
     ----------
-    source : where pictures are ordered
+    source : source of pictures
     clock : the world's time
     config : name, formats, sizes, rates and controls of the camera
     """
@@ -297,7 +297,7 @@ class V4l2Device:
         ----------
         number : the handle's
         length_bytes : size of the range
-        offset_bytes : where it begins, as QUERYBUF gave it
+        offset_bytes : start of the buffer, as QUERYBUF gave it
         """
         with self._lock:
             return number in self._handles and self._buffers.may_map(length_bytes, offset_bytes)

@@ -91,12 +91,12 @@ class Sensor:
 
     Parameters
     ----------
-    source : where pictures are ordered
+    source : source of pictures
     clock : the world's time
     config : the camera
     settings : format, size and rate at present
     controls : exposure, gain and whatever else a frame is taken with
-    buffers : where finished frames go
+    buffers : buffers for finished frames
     lock : the camera's
     store : called with the place in the buffers' memory [bytes] and the bytes of a picture
     wake : called with the number of the handle that has a frame to fetch, None for all

@@ -263,7 +263,7 @@ class ControlBank:
 
         Parameters
         ----------
-        request : which of the three
+        request : request, one of three
         data : the struct v4l2_ext_controls, answered in place; a refusal puts the index of the bad
             control into it
         memory : access to the array that the struct points at, None where pointers cannot be

@@ -47,7 +47,7 @@ class RtuPtyServer:
         Parameters
         ----------
         bus : the devices on the line
-        clock : the world's
+        clock : the world's clock
         baudrate : baudrate of the line, 8N1; a pseudo-terminal has none of its own [bit/s]
         turnaround_s : from the end of a request to the start of the reply [world s]
         link : a symbolic link to keep at the terminal, so that its name survives a restart

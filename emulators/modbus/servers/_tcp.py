@@ -170,8 +170,8 @@ class TcpGateway(_MbapListener):
         Parameters
         ----------
         bus : the devices on the line
-        clock : the world's
-        host, port : where to listen; port 0 takes a free one
+        clock : the world's clock
+        host, port : address to listen on; port 0 takes a free one
         baudrate : baudrate of the line, 8N1 [bit/s]
         reply_timeout_s : time that the gateway waits for the first character [world s]
         is_silence_answered : exception 0B for a silent device; False: the client gets nothing
@@ -237,8 +237,8 @@ class TcpServer(_MbapListener):
         Parameters
         ----------
         bus : the device, or several that share one network plug
-        clock : the world's
-        host, port : where to listen; port 0 takes a free one
+        clock : the world's clock
+        host, port : address to listen on; port 0 takes a free one
         turnaround_s : from request to reply [world s]
         is_silence_answered : exception 0B where nobody answers; False: the client gets nothing
         """
@@ -284,8 +284,8 @@ class RtuOverTcpServer(TcpListener):
         Parameters
         ----------
         bus : the devices on the line
-        clock : the world's
-        host, port : where to listen; port 0 takes a free one
+        clock : the world's clock
+        host, port : address to listen on; port 0 takes a free one
         baudrate : baudrate of the line, 8N1 [bit/s]
         turnaround_s : from the end of a request to the start of the reply [world s]
         """

@@ -96,8 +96,7 @@ class Stall:
 
         Parameters
         ----------
-        touches : where something of the arm overlaps now, with the normal that points out of the
-            obstacle
+        touches : present overlaps of the arm, with the normal that points out of the obstacle
         before, now : joints before and after the step that led there
         """
         if not touches:

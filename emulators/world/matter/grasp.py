@@ -36,9 +36,9 @@ class Hold:
 
     Attributes
     ----------
-    seat : where the part ends, and at which opening the jaws stop
-    T_tcp_part : where it is now
-    T_start, opening_start_mm : where easing began
+    seat : final pose of the part, and opening at which the jaws stop
+    T_tcp_part : present grasp
+    T_start, opening_start_mm : grasp and opening at the start of the easing
     is_seated : the jaws have stopped on it
     """
 
@@ -57,8 +57,8 @@ class Gripper:
 
     Attributes
     ----------
-    T_world_tcp : where its TCP frame is
-    opening_mm, before_mm : of the jaws, now and a step ago
+    T_world_tcp : pose of its TCP frame
+    opening_mm, before_mm : openings of the jaws, now and a step ago
     finger_bodies : pybullet's, +y first
     must_open : a part has been lost from these jaws: they hold nothing until they have opened
     misses : the next part between the pads is missed: a fault
@@ -105,7 +105,7 @@ class Gripper:
         Parameters
         ----------
         part : its number in the world
-        seat : where the part rests between the pads
+        seat : rest of the part between the pads
         T_tcp_part : (4, 4) pose of the part in the TCP frame as the pads meet it [mm]
         force_n : force of the pads
         """

@@ -55,7 +55,7 @@ class Seat:
     ----------
     T_tcp_part : where
     opening_mm : opening of the jaws then
-    area_mm2 : that touches, of the pad that has less
+    area_mm2 : contact area, of the pad that has less
     centre_mm : (3,) middle of the touching surface, TCP frame
     shift_mm, turn_rad : motion of the part that led there
     """

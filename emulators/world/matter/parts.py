@@ -104,8 +104,8 @@ class Part:
 
         Parameters
         ----------
-        point_mm : (3,) that is pushed, world
-        push_mm : (3,) by which the point has to yield; only what is level counts
+        point_mm : (3,) point that is pushed, world
+        push_mm : (3,) distance by which the point has to yield; only its level part counts
         """
         length_mm = math.hypot(push_mm[0], push_mm[1])
         if length_mm < 1e-9:

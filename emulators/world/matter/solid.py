@@ -124,7 +124,7 @@ class Solid:
         Parameters
         ----------
         rest : the stable pose
-        x_mm, y_mm : where the centre of mass stands over the table
+        x_mm, y_mm : position of the centre of mass above the table
         theta_rad : turn about the vertical, after the stable pose's own orientation
         """
         T = turn_z(theta_rad)

@@ -83,7 +83,7 @@ class Painter:
 
     Parameters
     ----------
-    camera : whose picture it is
+    camera : camera whose picture it is
     rays : through its pixels
     lamps : lamps of the scene
     """
@@ -215,7 +215,7 @@ class Painter:
         ----------
         spots : (m,) return value of `_spots_at` for these pixels
         pixels : (n,) flat numbers, row by row
-        step_px : from a pixel to its neighbours among these
+        step_px : step from a pixel to its neighbours among these
         """
         on_mover = spots.some(np.flatnonzero(spots.moves))
         at = on_mover.ray
@@ -247,7 +247,7 @@ class Painter:
         pixels : (n,) flat numbers, row by row
         seen : as `_unshaded` returns it; changed in place
         passed_over : (n,) pixels that need not be right
-        step_px : from a pixel to its neighbours among these
+        step_px : step from a pixel to its neighbours among these
         """
         if self._lamps.sources[lamp] is None:
             return
@@ -316,7 +316,7 @@ class Painter:
         Parameters
         ----------
         layers : layers of each lit lamp, changed in place
-        near_shade : (h, w) where rays to a lamp may meet something
+        near_shade : (h, w) mask of the pixels whose rays to a lamp may meet something
         """
         count = len(self._offsets)
         mean = np.full(count, 1.0 / count, np.float32)
@@ -357,7 +357,7 @@ def _jumps(values: Array32, only: Mask, least: float) -> Mask:
     Parameters
     ----------
     only : at least one of the two neighbours must be one of these
-    least : by which they differ
+    least : least difference
     """
     jumps = np.zeros(values.shape, bool)
     across = np.abs(np.diff(values, axis=1)) > least

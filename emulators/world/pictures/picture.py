@@ -37,7 +37,7 @@ class Changes:
 
     Attributes
     ----------
-    pixels : (n,) where it may be another than that of the fixed things, row by row
+    pixels : (n,) pixels that may differ from those of the fixed things, row by row
     light : (n,) there, of each lit lamp at level 1
     """
 

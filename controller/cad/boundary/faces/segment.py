@@ -35,7 +35,7 @@ class FaceSearch:
 
     Attributes
     ----------
-    faces : from the largest to the smallest, each in one piece
+    faces : faces from the largest to the smallest, each in one piece
     face_of_triangle : (n,) id of each triangle's surface
     is_complete : False where the budget ran out: surfaces with a formula may be among the free-form
     """

@@ -49,7 +49,7 @@ def tolerances_from(
     Parameters
     ----------
     found : output of `_step_pmi_child`
-    text : of the file
+    text : text of the file
     area_mm2, mean_mm, rank : (f,), (f, 3), (f,) of the solid's faces in the file's order, and
         their ids
     is_whole_file : whether the solid is the file's only one; otherwise what names no surface of it

@@ -22,7 +22,7 @@ def choose(path: Path, bodies: Bodies, name: str) -> Body:
     Parameters
     ----------
     path : path of the file, for messages
-    bodies : of the file
+    bodies : bodies of the file
     name : as `body_name` returns it
 
     Raises

@@ -102,7 +102,7 @@ def touching_text(path: Path, files: References, bodies: Bodies) -> str:
     ----------
     path : path of the file
     files : its content, with that of the files it names
-    bodies : of the file
+    bodies : bodies of the file
     """
     if bodies.count > MAX_TRIED or bodies.missing or bodies.open_names:
         return ""

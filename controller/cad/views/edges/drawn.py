@@ -87,7 +87,7 @@ def draw(
     return tuple(drawn)
 
 
-BENT_PX = 2e-3  # how far a chord may stray from a line that the lens bends
+BENT_PX = 2e-3  # largest distance of a chord from a line that the lens bends
 
 
 def subdivisions(view: Projection, p: FloatArray, q: FloatArray) -> IntArray:

@@ -154,7 +154,7 @@ class DryOrder:
     ----------
     recipe, cell : inputs of the plan
     files : SHA-256 of what was read, by path
-    plans : to drive
+    plans : plans to drive
     emulated : report of the emulator about itself; empty without one
     clock : clock of the cell
     runs_dir, run_id : folder of runs, and id of the run

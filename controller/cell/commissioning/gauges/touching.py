@@ -48,7 +48,7 @@ class Place:
 
     Attributes
     ----------
-    along_mm, off_mm, across_mm : of the tips
+    along_mm, off_mm, across_mm : distances of the tips: along the plate, off it and across it
     tilt_rad : tilt of the approach, towards the fixed gripper's +y
     turn_rad : turn of the approach, about its y
     flip : 1 or -1: the arm's y is along its y, or against it
@@ -137,7 +137,7 @@ def columns(layout: CellLayout, scene: Scene, end_mm: float) -> list[Column]:
     ----------
     layout : layout of the cell
     scene : scene with the plate in it
-    end_mm : where the plate's free end is, in the fixed gripper's frame
+    end_mm : position of the plate's free end, in the fixed gripper's frame
     """
     found = []
     for flip in (1, -1):

@@ -54,7 +54,7 @@ class Reading:
     q : (6,) joints; None before homing
     T_world_tcp : (4, 4); None before homing
     is_slide : mask of the joints that slide
-    counts : of each motor's encoder, by name; empty if the arm shows none
+    counts : count of each motor's encoder, by name; empty if the arm shows none
     arm_opening_mm : None before homing
     fixed_opening_mm : as the fixed gripper reports it
     step_mm, step_deg : size of one step

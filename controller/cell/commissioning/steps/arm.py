@@ -86,7 +86,8 @@ MAX_FINGER_PX: Final = 0.5
 STOPS: Final = 4  # per camera, approached from both sides
 MOTORS: Final = frozenset({"elbow", "shoulder", "yaw", "wrist1", "wrist2"})
 FACES: Final = ("front", "back")
-# of a joint at rest, by chance: rounding to a count and the dead band of its servo
+# standard deviation of a joint at rest, by chance: rounding to a count and the dead band of its
+# servo
 JOINT_STD: Final = np.array(
     [radians(0.02), radians(0.04), radians(0.06), 0.15, radians(0.04), radians(0.04)]
 )

@@ -43,7 +43,7 @@ TRY_COUNTS: Final = 8.0  # tolerance of a motor trial: dead band, gear play and 
 NUDGE_SHARE: Final = 0.01
 ARRIVED_SHARE: Final = 0.0025
 JAWS_MM: Final = 10.0
-SUPPLY_POLL_S: Final = 0.02  # how often the arm is asked whether it has motor supply
+SUPPLY_POLL_S: Final = 0.02  # period at which the arm is asked for its motor supply
 # Longest delay through the block's clock, its relay, a contactor and one reading; a longer one is
 # another setting [s].
 SUPPLY_SLACK_S: Final = 0.2

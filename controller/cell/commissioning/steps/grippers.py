@@ -43,7 +43,7 @@ FORCE_MIN_N: Final = 20.0  # least force that a recipe may ask for (`grasp.force
 ZERO_MM: Final = 2.0  # largest offset of an opening at reading 0
 SCALE: Final = 0.05
 ARM_OFF_MM: Final = 0.5  # largest error of the calibrated arm's jaws on a gauge
-# how far a tape measure and a spirit level leave it, even within 4 mm and 1 degree
+# standard deviations after placing by tape measure and spirit level, within 4 mm and 1 degree
 OFF_FILE: Final = np.array([radians(1.0) / 5**0.5] * 3 + [4.0 / 5**0.5] * 3)
 TOUCH_MM: Final = 0.2
 TOUCH_MIN_MM: Final = 0.05

@@ -161,7 +161,7 @@ def holds_of(bench: Bench, board: BoardSection, pictures: Sequence[BoardPicture]
 
     Parameters
     ----------
-    bench : whose layout has cameras and arm
+    bench : bench whose layout has cameras and arm
     board : board of the plate
     pictures : pictures of it in the arm gripper
 
@@ -199,7 +199,7 @@ def plate_offs(
 
     Parameters
     ----------
-    bench : whose layout predicts it
+    bench : bench whose layout predicts it
     board : board of the plate
     pictures : pictures of one hold of it, by both cameras
 

@@ -24,7 +24,7 @@ async def settled_signal(io: IoBlock, name: str, clock: CellClock) -> Signal:
     ----------
     io : the I/O block that reads it; just connected
     name : name of the signal
-    clock : the cell's
+    clock : the cell's clock
     """
     # the wait for an unhealthy signal times out
     with suppress(TimeoutError):

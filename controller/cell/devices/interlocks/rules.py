@@ -33,7 +33,7 @@ class Rule:
     ----------
     name : for messages
     when, require : conditions over the facts
-    checks : when it is checked
+    checks : times at which it is checked
     admits_unknown : a requirement that is neither known to be true nor false is let pass
     holds : a violation holds the run until a person acknowledges it; it does not end the run
     words : event, and what to do about it

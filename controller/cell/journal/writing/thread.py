@@ -34,7 +34,7 @@ class Entry:
     full : it is on the disk before it counts as written
     stamp : date (UTC, ISO) and instant of the monotonic clock [s]; None: when it is written
     about : the run that it is added to; empty for the one that writes
-    since_s : when it was put in, by this computer's monotonic clock [s]
+    since_s : time of its submission, by this computer's monotonic clock [s]
     was_tried : True if it may be in the file although writing it has failed
     done : future of its number
     """

@@ -49,7 +49,7 @@ class Resumption:
         ----------
         proposal : permitted ways to go on with it
         source : folder of that run
-        product : of this run that the part is of
+        product : product of this run that the part belongs to
         """
         self.accepted, self.source = proposal, source
         # so that a stop before anything else already states where the part is

@@ -77,7 +77,7 @@ class AboveTray:
     Attributes
     ----------
     tray : tray below it now
-    started_s : when it set out [cell s]
+    started_s : start time [cell s]
     """
 
     tray: str

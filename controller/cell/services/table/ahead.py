@@ -95,7 +95,7 @@ class Foreseen:
 
         Parameters
         ----------
-        sighting, now : of the part by the fresh look, and as it is journaled
+        sighting, now : sighting of the part in the fresh look, and its form in the journal
         """
         unseen_deg = unseen_turn(self.one, now, self.turns_deg[0])
         if not unseen_deg or sighting.T_world_part is None:

@@ -204,7 +204,7 @@ def score_site(
     Parameters
     ----------
     layout : the cell the members were made for
-    site : to be scored
+    site : site to score
     fellows : obstacles that move with camera and fixed gripper
     members : the family
     """

@@ -146,8 +146,8 @@ def joined(
     ----------
     search : the cell, and what may stand where
     cameras : scores of sites, the present one among them
-    fixed_scores : of poses of the fixed gripper, best first, the present one among them; empty if
-        the cell has no fixed gripper
+    fixed_scores : scores of poses of the fixed gripper, best first, the present one among them;
+        empty if the cell has no fixed gripper
     """
     now = site_of(search.layout)
     kept = unlike([s.site for s in cameras], search.options.checked_cameras)

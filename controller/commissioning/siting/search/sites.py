@@ -34,7 +34,7 @@ def find_sites(
 
     Parameters
     ----------
-    parts : of `prepare_part` in this layout
+    parts : results of `prepare_part` in this layout
     layout : arm, table and overhead camera stay; the camera keeps its distance from the station
     options : extent of the search; None for the defaults
     progress : called with the name of the step, steps done and steps in all

@@ -14,7 +14,7 @@ from ._faces import across
 from ._seeds import Seeds, narrowest_inner, widest_inner
 
 SHALLOWER_MM = 7.0  # the second depth tried: fingertips stand out less far behind the seed
-TABLE_GAP_MM = 3.0  # from the fingertips to the far end of the part, where that is the table
+TABLE_GAP_MM = 3.0  # distance from the fingertips to the far end of the part, if that is the table
 APPROACH_POINT_COUNT = 200  # surface points tested in the approach
 SLACK_MM = 0.5  # a surface point this far inside a box is in the way
 
@@ -149,7 +149,7 @@ def pre_open(opening: FloatArray, inner: BoolArray, jaw: Jaw, rules: GraspRules)
 
     Parameters
     ----------
-    opening : (n,) between the walls held [mm]
+    opening : (n,) opening between the walls held [mm]
     inner : (n,) the jaw spreads between them
     jaw : the gripper
     rules : clearance of each finger while open
@@ -164,7 +164,7 @@ def open_gap(opening: FloatArray, inner: BoolArray, jaw: Jaw, rules: GraspRules)
 
     Parameters
     ----------
-    opening : (n,) between the walls held [mm]
+    opening : (n,) opening between the walls held [mm]
     inner : (n,) the jaw spreads between them
     jaw : the gripper
     rules : clearance of each finger while open

@@ -29,7 +29,7 @@ class FacePair:
     gap_mm : distance between their planes; negative if they face each other, as in a channel
     overlap : both, projected on the plane between them, intersected; holes are left out
     u, v : (3,) axes of that plane
-    height_mm : of that plane along the first face's normal
+    height_mm : height of that plane along the first face's normal
     """
 
     first: Face

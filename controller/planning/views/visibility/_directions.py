@@ -309,7 +309,7 @@ def most_worth(shows: BoolArray, worth: FloatArray) -> list[int]:
     Parameters
     ----------
     shows : (r, n) mask of what each row shows
-    worth : (n,) of what is shown
+    worth : (n,) worth of the samples shown
     """
     table, left = shows.astype(np.float64), worth.copy()
     chosen: list[int] = []

@@ -18,7 +18,7 @@ ToPlane = Callable[[FloatArray], FloatArray]
 
 SOBEL_OF_STEP = 2.1  # Sobel of a step of one level under blurs of 0.8 px of lens and here
 RAYLEIGH_30 = 0.845  # 30 % of a Rayleigh distribution of deviation 1 are below
-COARSEST = 4.0  # between two levels of a digitiser of 6 bits
+COARSEST = 4.0  # step between two levels of a digitiser of 6 bits
 MAX_TIMES = 3  # more adds no detail
 LEVEL_ROWS = 96  # rows that suffice to find the levels in use
 PLAIN_SAMPLE = 1500  # edge points that show the strength of plain edges

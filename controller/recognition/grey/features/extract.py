@@ -25,7 +25,7 @@ class Edgelets:
     Attributes
     ----------
     points_mm : (n, 2) their middles
-    directions_rad : (n,) along the edge, 0..pi
+    directions_rad : (n,) directions along the edge, 0..pi
     lengths_mm : (n,)
     strengths : (n,) 0..1, 1 for plain edges of this picture
     bends_rad : (n,) deviation of the edge's direction at its ends from that of its middle

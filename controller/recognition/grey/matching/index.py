@@ -50,7 +50,7 @@ class FeatureIndex:
         Parameters
         ----------
         views : (n,) numbers in ``models``
-        begin, end : which edgelets of each; None for up to the last
+        begin, end : first and last edgelet of each; None for up to the last
         """
         return np.asarray(self.packed[:, views, begin:end] * self.steps, np.float32)
 

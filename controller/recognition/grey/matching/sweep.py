@@ -152,7 +152,7 @@ def _cells(
 
     Parameters
     ----------
-    turns : (t,) of the view
+    turns : (t,) turns of the view
     middle : (2,) middle of the thing, from the camera's foot
     begin : (2,) in the map, where the middle of the view's hull is
     shape : shape of the map

@@ -28,7 +28,7 @@ class Place:
 
     Attributes
     ----------
-    fit : the best one's
+    fit : the best one's fit
     fits : hypotheses
     decision : decision for it, given its neighbours
     hypotheses : hypotheses, best first

@@ -274,7 +274,7 @@ def sure_beside_unknown(
     Parameters
     ----------
     places : possible objects there
-    library : whose stable poses they are of
+    library : library whose stable poses they are of
     is_unknown_left : something else is there that no part explains
     """
     unsure = []

@@ -62,7 +62,7 @@ class Shadow:
 
     Attributes
     ----------
-    share : of the light that would fall on them
+    share : share of the light that would fall on them
     is_shaded, is_near : bool, whether something is hidden; whether it is there or nearby
     """
 
@@ -140,9 +140,9 @@ class Shadows:
         ----------
         assembly : solids between lamp and surfaces
         lamp : number of the lamp
-        spots : (n,) where the rays met surfaces, one for each pixel
+        spots : (n,) points where the rays met surfaces, one for each pixel
         pixels : (n,) the pixels, row by row: v times the width plus u
-        step_px : from a pixel to its neighbours among these
+        step_px : step from a pixel to its neighbours among these
         passed_over : (n,) pixels that need not be right, only a neighbour's guess
         """
         places = np.stack(np.divmod(pixels, self._shape[1]), axis=1) // step_px
@@ -181,7 +181,7 @@ class Shadows:
         Parameters
         ----------
         lamp : number of the lamp
-        spots : (n,) where the rays met surfaces, one for each pixel
+        spots : (n,) points where the rays met surfaces, one for each pixel
         pixels : (n,) the pixels, row by row: v times the width plus u
         step_px : distance of neighbours among the pixels
 
@@ -251,7 +251,7 @@ class Shadows:
         Parameters
         ----------
         lamp : number of the lamp
-        spots : (n,) where the rays met surfaces
+        spots : (n,) points where the rays met surfaces
         points_mm : (n, k, 3) points of the lamp for each of them; None: its centre alone
 
         Returns

@@ -47,7 +47,7 @@ class Faces:
 
         Parameters
         ----------
-        face : (n,) which face each point is on
+        face : (n,) number of the face of each point
         points_mm : (n, 3) in the part frame
         """
         across, along = self.across[face], self.along[face]

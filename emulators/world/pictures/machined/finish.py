@@ -46,7 +46,7 @@ class Finish:
     Parameters
     ----------
     seed : draws marks, dust and film of every part
-    camera, rays : whose picture it is
+    camera, rays : camera and rays of the picture
     lamps : lamps of the scene
     parts : data kept of each part, for all cameras; filled here
     """
@@ -190,7 +190,7 @@ def _inner(
 
     Parameters
     ----------
-    triangle : (n,) that each pixel's middle shows, -1 for none
+    triangle : (n,) triangle that each pixel's middle shows, -1 for none
     pixels : (n,) flat numbers, row by row
     shape : (height, width) shape of the picture
     """
