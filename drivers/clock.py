@@ -1,9 +1,9 @@
 """Time as a service: cell seconds, waits and time-outs.
 
 Drivers state every duration in cell seconds and ask the clock to wait, so that one driver serves
-the real cell and an emulated one that runs faster, or slower where the machine is slow. On a
-real cell a cell second is a second. On an emulated one it is what the clock shares that world and
-drivers read alike (``docs/shared-clock.md``, `_shared_time`). Nothing here knows a device.
+the real cell and an emulated one that runs faster, or slower where the machine is slow. On a real
+cell a cell second is a second. On an emulated one it is defined by the clock that world and drivers
+share (``docs/shared-clock.md``, `_shared_time`). Nothing here knows a device.
 
 Time-outs and staleness are measured in *attended* time: it stands still while this process could
 not read its wires, so that a late reader is never taken for a late device.
@@ -136,7 +136,7 @@ class CellClock:
     def timeout(self, duration_s: float) -> AbstractAsyncContextManager[asyncio.Timeout]:
         """Return a context manager that raises ``TimeoutError`` after a duration [cell s].
 
-        It is `asyncio.timeout` in attended time; what has arrived by then is taken in first.
+        It is `asyncio.timeout` in attended time; data that has arrived by then is taken in first.
         """
         return Patience(self.attended_s, self.speed, self.patience_s(duration_s), self._holdable)
 

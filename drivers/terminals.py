@@ -13,8 +13,8 @@ LATEST_WALL_S: Final = 10.0
 async def through_the_kernel() -> None:
     """Wait until a byte written now to a pseudo-terminal of our own can be read.
 
-    The kernel hands on the bytes of all pseudo-terminals from one queue of work, begun in turn:
-    what was written to another one before is then through as well, or about to be.
+    The kernel passes on the bytes of all pseudo-terminals from one queue of work, in order: bytes
+    written to another one before are then through as well, or about to be.
     """
     loop = asyncio.get_running_loop()
     has_come = asyncio.Event()

@@ -1,7 +1,7 @@
 """Faults of a byte on the line: lost, doubled, flipped or late.
 
-What every serial wire of the cell may do to a byte. Which bytes, and in which direction, is said
-by whoever plans the fault; chances are drawn from a seed.
+Possible harm by a serial wire of the cell to a byte. The byte and the direction are chosen by the
+caller who plans the fault; chances are drawn from a seed.
 """
 
 import random

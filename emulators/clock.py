@@ -78,8 +78,8 @@ def clock_folder() -> Path:
 class SharedClock(WorldClock):
     """The clock of an emulated cell, in a file that drivers map; `tick` moves it, `close` ends it.
 
-    It runs with the wall clock, but never further than a window beyond what the world and every
-    process that takes part have dealt with; `tick` says how far the world is.
+    It runs with the wall clock, but never further than a window beyond the time that the world and
+    every participating process have handled; `tick` reports the world's progress.
 
     Parameters
     ----------

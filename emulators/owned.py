@@ -1,7 +1,7 @@
 """An emulator's files on the machine: its owner's alone, and removed with the emulator.
 
-Its folder is locked for as long as the process lives, however it ends. What one that was killed has
-left, its picture process takes away when it is hung up on, or else the next emulator that starts.
+Its folder is locked for as long as the process lives, however it ends. Files of a killed one are
+removed by its picture process once that is hung up on, or else by the next emulator that starts.
 """
 
 import contextlib

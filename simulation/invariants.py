@@ -1,7 +1,7 @@
 """The invariants of a simulated cell under any fault; checked after every slice of the world.
 
-Each check compares two sides that do not know each other: the world's own record of what was held,
-let go and touched, and the journal of the controller.
+Each check compares two independent sides: the world's own record of holds, releases and contacts,
+and the journal of the controller.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -60,7 +60,7 @@ def one_of(kinds: Sequence[type], special: Mapping[Any, Codec] | None = None) ->
 
 
 def given(value: object) -> Codec:
-    """Return the codec of a value that the reader has already: not stored, and read as itself."""
+    """Return the codec of a value that is not stored, since the reader already has it."""
     kind = type(value)
 
     def write(other: Any, to: ArrayWriter) -> Json:  # noqa: ANN401 - a codec takes any value

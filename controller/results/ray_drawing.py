@@ -1,6 +1,7 @@
 """Drawings for people, by casting several rays per pixel: shared by plan page and part sheet.
 
-What a calibrated camera sees is predicted in `controller.imaging.maps`; nothing is measured here.
+The picture of a calibrated camera is predicted in `controller.imaging.maps`; nothing is measured
+here.
 """
 
 import base64

@@ -78,7 +78,7 @@ class PlannerSetup:
     def heaviest_g_cm3(self, plan: Plan) -> float:
         """Return a density up to which the grasps of a plan hold the part.
 
-        What weight uses of the friction limit grows no faster than the weight.
+        The share of the friction limit used by the weight grows no faster than the weight.
         """
         load = max(grasp.load for grasp in plan.grasps)
         return self.density_g_cm3 * self.options.rules.max_load / load

@@ -54,8 +54,8 @@ def tessellate(
 ) -> dict[str, Any]:
     """Return the mesh, its face numbers and the edges' runs; corners of shared edges are shared.
 
-    Faces are meshed each for itself, along edges that are divided once. What joins them here is
-    the topology, the number of a point on its edge, never a distance.
+    Each face is meshed by itself, along edges that are divided once. Faces are joined by topology,
+    that is by the number of a point on its edge, never by distance.
 
     Parameters
     ----------

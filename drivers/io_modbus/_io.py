@@ -1,7 +1,7 @@
 """The Moxa ioLogik E1214: inputs polled all the time, relays switched by name.
 
-Register map: modbus_devices.md 7.1. What is read here of the safety chain is a copy: it may stop
-work early, it must never be what makes the machine safe (§7.4).
+Register map: modbus_devices.md 7.1. The safety inputs read here are a copy of the safety chain:
+they may stop work early, but must never be relied on for safety (§7.4).
 
 Sections (§) are those of modbus_devices.md.
 """

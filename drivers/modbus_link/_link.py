@@ -190,8 +190,9 @@ class ModbusLink:
     ) -> tuple[int, ...]:
         """Send a request; return the registers or bits of a read, nothing of a write.
 
-        A read is repeated when no answer came; a write never is. What answers "later" is asked
-        again until its reply time-out is over: a read always, a write where ``again`` allows it.
+        A read is repeated when no answer came; a write never is. After an answer of "later" the
+        request is repeated until its reply time-out is over: a read always, a write where ``again``
+        allows it.
 
         Parameters
         ----------

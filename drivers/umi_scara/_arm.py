@@ -1,8 +1,8 @@
 """The UMI RTX arm as the cell uses it: connect, power, home, move, grasp, stop.
 
-It does not know what it holds, plans no path and avoids no obstacle. Targets are checked against
-the joint limits of §5.2 before any byte goes out. Soak tests, built-in INIT and interpolation exist
-in the codec alone. Sections (§) are those of umi_rtx.md.
+It does not know its load, plans no path and avoids no obstacle. Targets are checked against the
+joint limits of §5.2 before any byte goes out. Soak tests, built-in INIT and interpolation exist in
+the codec alone. Sections (§) are those of umi_rtx.md.
 """
 
 import logging

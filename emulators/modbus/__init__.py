@@ -1,8 +1,8 @@
 """Modbus as devices speak it: framing, buses of devices, and the servers that own a wire.
 
 Own code throughout: the drivers' side uses a library, so this side is the second reading of the
-standard. Nothing here knows a register map; devices are in `gripper_modbus`, `lighting_modbus`
-and `io_modbus`. What lives in time has `advance(dt_s)`, called by the world or by a `Stepper`.
+standard. Nothing here knows a register map; devices are in `gripper_modbus`, `lighting_modbus` and
+`io_modbus`. Time-dependent objects have `advance(dt_s)`, called by the world or by a `Stepper`.
 """
 
 from ._points import COIL_OFF, COIL_ON, Point, PointMap, coil, parse_range, parse_registers

@@ -1,8 +1,8 @@
 """The differences of one arm from its counters: zeros, gear play, coupling, sag.
 
 umi_rtx.md 4.2 has factory values for the stops and 5 nominal scales; no arm is exactly so, and its
-encoders sit on the motors, before the gears. What is here is between motors and joints, where no
-counter sees it.
+encoders sit on the motors, before the gears. These errors are between motors and joints, where no
+counter sees them.
 """
 
 import math

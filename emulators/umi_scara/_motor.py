@@ -1,7 +1,7 @@
 """One motor under its servo: set-point, profile, counter label, parameters and status bits.
 
-The motor does not know what it may run into: the arm model limits its position and then calls
-`settle`, which decides between going on, arriving, stalling and giving up. umi_rtx.md 2.5, 2.8, 7.
+The motor does not know its obstacles: the arm model limits its position and then calls `settle`,
+which decides between going on, arriving, stalling and giving up. umi_rtx.md 2.5, 2.8, 7.
 """
 
 import math

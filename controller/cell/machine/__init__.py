@@ -1,8 +1,8 @@
 """The cell's decisions, without I/O: its next state, and the part faults it recovers from.
 
 `table.py` has states, events and effects; `machine.py` decides by it; `pauses.py` has the kinds of
-pause and the safe points; `recovery.py` is the fault policy, `budgets.py` what a batch learns of
-its grasps and views; `diagram.py` draws docs/state-machine.md.
+pause and the safe points; `recovery.py` is the fault policy, `budgets.py` the failures of grasps
+and views that a batch learns from; `diagram.py` draws docs/state-machine.md.
 """
 
 from .budgets import GRASP, VIEW, Budgets, Demotion

@@ -1,9 +1,9 @@
 """The fault policy as data, and the decision by it: the act on a part fault, and how often.
 
-Plain decisions, no device. Each class of fault has a ladder of actions; each is taken so many
-times for one part, the last one ends the matter. An action that goes on is one event of the table;
-planning then starts from the gripper or table that has the part, and leaves out what has been seen
-(planning-facts.md 5). The policy itself comes from the cell file and the recipe.
+Plain decisions, no device. Each class of fault has a list of actions; each is taken a set number of
+times for one part, and the last one ends the list. An action that continues the work is one event
+of the table; planning then starts from the gripper or table that has the part, without the surface
+already seen (planning-facts.md 5). The policy itself comes from the cell file and the recipe.
 """
 
 from collections.abc import Mapping, Sequence

@@ -101,7 +101,7 @@ class Interlocks:
     def violation(self, changed: Facts) -> Violation | None:
         """Return the first rule that does not hold while something may move, None if all do.
 
-        Rules that do not depend on what has changed are left out.
+        Rules that do not depend on the changed facts are left out.
 
         Parameters
         ----------

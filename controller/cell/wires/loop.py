@@ -1,8 +1,8 @@
 """An event loop on the recording's time: when nothing is ready, time jumps to the next timer.
 
 No socket, no thread, no clock of the computer: a busy machine replays the same. Work that a run
-gives to threads is done at once; what the worker process computes is waited for without time
-passing, and its answer is handed over when the recorded run had it.
+gives to threads is done at once; results of the worker process are awaited without time passing,
+and handed over at their recorded time.
 """
 
 import asyncio

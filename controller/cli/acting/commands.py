@@ -86,7 +86,7 @@ def stop(
 ) -> None:
     """Stop all devices on a ramp and end the run.
 
-    The grippers keep what they hold.
+    The grippers keep holding.
     """
     from .orders import order_plainly
 
@@ -98,7 +98,7 @@ def abort(
 ) -> None:
     """Stop all devices at once and end the run.
 
-    The grippers keep what they hold.
+    The grippers keep holding.
     """
     from .orders import order_plainly
 

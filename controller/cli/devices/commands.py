@@ -57,8 +57,8 @@ def doctor(
 ) -> None:
     """Check devices, versions and permissions; nothing moves.
 
-    Each device has to be reachable and the right one. `pytest --cell FILE` tries what a driver
-    must do, too (docs/drivers.md).
+    Each device has to be reachable and the right one. `pytest --cell FILE` also tests the duties of
+    a driver (docs/drivers.md).
     """
     with loading():
         from ..inputs.part_files import cell_of_this_folder

@@ -32,8 +32,8 @@ MAY_BE_CALIBRATION: Final = frozenset({310, 320, *range(401, 417)})
 class _PatientLive(Live):
     """A live table that waits for its reader, and then shows the newest state.
 
-    Streams are left as they are. Rich would write around what keeps a terminal that was stopped
-    from holding up the run.
+    Streams are left unchanged. Rich would bypass the writer that prevents a stopped terminal from
+    holding up the run.
     """
 
     def __init__(self, **options: Any) -> None:  # noqa: ANN401  (rich's own)

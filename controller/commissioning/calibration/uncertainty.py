@@ -1,9 +1,9 @@
 """The uncertainty of the fit: of each parameter, the camera's pose, and positions on the table.
 
 The effect of the pictures' noise is the inverse of the normal matrix. A distortion term that the
-views do not show is held at 0, but it is not known to be 0. Its standard deviation is taken as a
-fifth of the term before it in the lens's series, or as what the views would leave unnoticed, if
-that is less. Its effect on everything else is added ("consider parameters", Schmidt 1966).
+views do not determine is held at 0, but it is not known to be 0. Its standard deviation is taken as
+a fifth of the term before it in the lens's series, or as the value that the views would not notice,
+if that is less. Its effect on everything else is added ("consider parameters", Schmidt 1966).
 """
 
 from collections.abc import Mapping

@@ -1,6 +1,6 @@
 """Pictures of fingers -> TCP and opening of the arm gripper; touches -> pose of the fixed one.
 
-Arrays in, dataclasses out; what the arm and the cameras are comes from `kinematics`.
+Arrays in, dataclasses out; the models of arm and cameras come from `kinematics`.
 """
 
 from .fingers import (

@@ -1,8 +1,8 @@
 """The TCP from the fingers themselves: their outline before a backlight, at many rolls and pitches.
 
-What is found is where the TCP is in the wrist's frame (along the fingers, along the jaws' axis,
-across), how the jaws are rolled, and how wide they are open where their counter means 0. A finger
-is a box in the TCP's frame: its tip ends at x = 0, its pad faces the other finger.
+The results are the TCP in the wrist's frame (along the fingers, along the jaws' axis, across), the
+roll of the jaws, and their opening at counter 0. A finger is a box in the TCP's frame: its tip ends
+at x = 0, its pad faces the other finger.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,7 +1,7 @@
 """Pictures of boards on the table and in the gripper -> cameras, arm and base, with uncertainty.
 
-Arrays in, dataclasses out: a `CellPrior` of what is known, a `BoardPicture` for each picture, then
-`calibrate_cell`.
+Arrays in, dataclasses out: a `CellPrior` of prior knowledge, a `BoardPicture` for each picture,
+then `calibrate_cell`.
 """
 
 from ._types import (

@@ -195,8 +195,8 @@ def _scaled(
 ) -> list[tuple[float, tuple[Fault, ...]]]:
     """Return the likelihood of the pictures with prints of any size, and the prints that are wrong.
 
-    A whole cell that is enlarged looks the same to its cameras: what is left then is the arm, whose
-    lengths and travel are known.
+    A whole cell that is enlarged looks the same to its cameras: only the arm, whose lengths and
+    travel are known, reveals it.
     """
     helped = [
         _helped(fit, pictures, [i for i, p in enumerate(pictures) if p.face == name], columns)

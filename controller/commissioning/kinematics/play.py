@@ -1,9 +1,9 @@
 """Play of the gears, and repeatability of homing: the same counts approached in several ways.
 
-Both compare pictures of one stop with each other, so that what the cell's model has wrong is the
-same in all of them and drops out: each stop gets a free pose of its board. What is left is what the
-gears do. A motor that comes from above leaves its joint higher than one from below, by all of the
-play; which joints one motor turns, its arm knows (a wrist motor turns pitch and roll).
+Both compare pictures of one stop with each other, so that errors of the cell's model are the same
+in all of them and drop out: each stop gets a free pose of its board. The rest is caused by the
+gears. A motor that comes from above leaves its joint higher than one from below, by all of the
+play; the arm's model has the joints that each motor turns (a wrist motor turns pitch and roll).
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,9 +1,9 @@
 """Which lamp is lit, by the pattern of its light: over the table and on the panel of the station.
 
 A pattern is the mean grey level in each field of a grid over both pictures, less that in the dark.
-What is expected follows from where the lamp stands: a matt surface is lit as the cosine of the
-angle and the inverse square of the distance have it, a ring shines ahead; a panel glows by itself.
-Shadows are left out, so patterns only agree roughly, and by far best with those of the right lamp.
+The expected pattern follows from the lamp's position: a matt surface is lit by the cosine of the
+angle and the inverse square of the distance, a ring shines ahead; a panel glows by itself. Shadows
+are left out, so patterns only agree roughly, and by far best with those of the right lamp.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,8 @@
 """*Recipes*: a recipe's inspection in three dimensions; tolerances changed; new parts taken in.
 
 `folder.py` finds recipes, `editing.py` changes them, `taking.py` takes in CAD files, `shown.py`
-makes what the browser draws from what child processes print (`controller/page/work.py`),
-`noting.py` keeps who changed what, `answers.py` answers.
+turns the output of child processes (`controller/page/work.py`) into the browser's data, `noting.py`
+logs all changes, `answers.py` answers.
 """
 
 from ..frame.screens import Screen, Setting

@@ -61,11 +61,11 @@ def discriminate(
 ) -> Identification:
     """Return the hypotheses that are left after a picture.
 
-    One that fits worse than the best one is out when it fits worse by half of what the two of them
-    look different by, and that is enough for a picture to tell: what a picture lacks or has too
-    much for both of them does not count. If the best one itself is as far off as this, the picture
-    shows none of them; under lamps, where edges that are there may not show, only if more than
-    half of its edges are missing as well.
+    A hypothesis that fits worse than the best one is ruled out if the excess is half of the
+    difference between the two predictions, and large enough for a picture to decide: errors common
+    to both do not count. If the best one itself is as far off as this, the picture shows none of
+    them; under lamps, where edges may stay invisible, only if more than half of its edges are
+    missing as well.
 
     Parameters
     ----------

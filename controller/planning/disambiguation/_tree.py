@@ -126,9 +126,9 @@ def cheapest_tree(
 ) -> tuple[DecidingView | None, float]:
     """Return the tree of views whose dearest branch is cheapest, and its cost [s].
 
-    If hypothesis t is the truth, a view leaves those that it cannot tell from t; what is left may
-    overlap from one truth to the next. Exact over the views offered. The tree is None where no view
-    decides anything.
+    If hypothesis t is the truth, a view leaves those that it cannot separate from t; these groups
+    may overlap between truths. Exact over the views offered. The tree is None if no view decides
+    anything.
 
     Parameters
     ----------

@@ -60,9 +60,9 @@ def margins(
 ) -> FloatArray:
     """Return the share of wrong poses in which each grasp holds (n,).
 
-    The part is turned about its centre of mass, by which its pose is measured. Of the contact a
-    little more than half is enough: what the pads touch at a wrong pose still holds. Flat walls
-    need one turn until they lie flat, a bore against its rim two; a part that slips is tried last.
+    The part is turned about its centre of mass, by which its pose is measured. A little more than
+    half of the contact is enough: a contact at a wrong pose still holds. Flat walls need one turn
+    until they lie flat, a bore against its rim two; a part that slips is tried last.
 
     Parameters
     ----------

@@ -222,7 +222,7 @@ def make_edge_costs(
 def worthwhile(costs: EdgeCosts, part: PreparedPart, grasps: Sequence[int]) -> BoolArray:
     """Return the elements (m,) that worthwhile views under some grasps show.
 
-    The views are taken greedily, what adds most first, down to `PlanOptions.least_gain`. Elements
+    The views are taken greedily, the largest gain first, down to `PlanOptions.least_gain`. Elements
     already seen are among them.
 
     Parameters

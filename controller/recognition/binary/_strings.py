@@ -1,8 +1,8 @@
 """A boundary as a string of primitives, straight and arc: of a picture and of a model alike.
 
-The paper (references.md P3.1), with the arcs it left for later. Both sides go through the same
-hands: a model's outline is sampled as densely as pixels are and coded as an observed one, so that
-what the code makes of a rounded corner or a shallow step it makes of both.
+The paper (references.md P3.1), with the arcs it left for later. Both sides use the same code: a
+model's outline is sampled as densely as pixels are and coded as an observed one, so that rounded
+corners and shallow steps are coded alike in both.
 
 All points are mm in the table plane. Outlines run anticlockwise and holes clockwise in the sense
 of the shoelace formula, whichever way they came.

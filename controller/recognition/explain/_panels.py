@@ -40,8 +40,8 @@ INSIDE_PERCENTILES = (2.0, 98.0)
 def window(picture: Grey, camera: Camera, facts: ObjectFacts, side: int) -> Sheet:
     """Return a square canvas with an object's box, as large as possible.
 
-    Pixels that are not square are drawn as they are on the table. Where edges are predicted beyond
-    the box, the window is wider, so that what is missing is seen to be missing.
+    Pixels that are not square are drawn in their proportions on the table. Where edges are
+    predicted beyond the box, the window is wider, so that missing ones are visible as such.
 
     Parameters
     ----------

@@ -1,10 +1,9 @@
 """Prediction of the edges of a posed part that a camera sees, under full perspective.
 
 An edge shows where the surface turns away from the eye (a rim), and where two surfaces meet at an
-angle (a crease). Both are sampled along their length; a sight line to each sample tells whether
-something stands before it, others beside it what lies on either side: table or part, and how the
-part is turned there. The outline alone takes less: it is made of rims beside which there is
-nothing.
+angle (a crease). Both are sampled along their length; a sight line to each sample tests for an
+obstacle, and others beside it find the surface on either side, table or part, and its normal. The
+outline alone takes less time: it consists of rims with nothing beside them.
 """
 
 from dataclasses import dataclass, field

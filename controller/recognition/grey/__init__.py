@@ -1,7 +1,7 @@
 """Grey chain: lines, corners and circles of a grey picture, and the views they may be of.
 
-The paper (references.md P3.2): for tables that are not backlit, and for what silhouettes cannot
-decide.
+The paper (references.md P3.2): for tables that are not backlit, and for cases that silhouettes
+cannot decide.
 """
 
 from ._tolerances import GreyTolerances

@@ -1,7 +1,7 @@
 """Sightings of parts that touch, or that the picture's edge cuts, by their free outlines.
 
-Silhouettes of whole parts say nothing here. The cluster is explained by several parts, or by one in
-part; what a place may be besides is decided as for a whole silhouette, by what is free of it.
+Silhouettes of whole parts do not help here. The cluster is explained by several parts, or by one in
+part; the alternatives for a place are decided as for a whole silhouette, by its free outline.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """All views of all parts, searchable by shape: thousands of them in about a millisecond.
 
-Area first, as the paper has it (references.md P3.1), then what of the outline does not change with
-its turn. Both are coordinates of one space in which a k-d tree finds the nearest views.
+Area first, as in the paper (references.md P3.1), then features of the outline that do not change
+with its turn. Both are coordinates of one space in which a k-d tree finds the nearest views.
 """
 
 from collections.abc import Sequence

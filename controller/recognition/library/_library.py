@@ -124,7 +124,7 @@ class Library:
 def station_of(camera: Camera) -> Station:
     """Return a camera's height and the radius of the table that it sees from there.
 
-    Rounded, so that a new calibration of the same camera does not void what was worked out.
+    Rounded, so that a new calibration of the same camera does not void earlier results.
     """
     width, height = camera.size_px
     corners = np.array([[0, 0], [width, 0], [0, height], [width, height]], dtype=np.float64)

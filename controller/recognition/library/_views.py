@@ -1,10 +1,10 @@
 """Views of each stable pose from the camera's place: silhouettes as shadows on the table.
 
-A shadow cast from the camera's centre onto z = 0 is what the picture's outline becomes when its
-pixels are taken to the table plane. It depends on the camera's place alone, not on its lens, and
-on where the part lies: the taller the part, the more. A flat pose needs one view; a taller one gets
-a ring of them, the part to this side and that of the point below the camera; one that stands
-on its end gets two rings.
+A shadow cast from the camera's centre onto z = 0 equals the picture's outline after its pixels are
+taken to the table plane. It depends only on the camera's position, not on its lens, and on the
+part's position: the taller the part, the more. A flat pose needs one view; a taller one gets a ring
+of them, the part to this side and that of the point below the camera; one that stands on its end
+gets two rings.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """A silhouette as a polar grid round its centroid, which a turn only shifts.
 
-Rings are as far apart as the silhouette is large, so that one grid serves bolts and plates. The
-Fourier spectrum along the angle gives both what does not change with the turn (its magnitudes:
-what the index is searched by) and the turn itself (one correlation for all turns at once). Holes
+Rings are spaced in proportion to the silhouette, so that one grid serves bolts and plates. The
+Fourier spectrum along the angle gives both the features that do not change with the turn (its
+magnitudes, used by the index) and the turn itself (one correlation for all turns at once). Holes
 count like outlines.
 """
 

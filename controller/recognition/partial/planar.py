@@ -1,9 +1,9 @@
 """Shares of outline that parts can have in common with the picture, many at once.
 
-Outlines are moved in the table plane until they lie on the one that is seen. That lacks what
-perspective makes of another place, but takes a fraction of a fit's time, and what falls far short
-here is not worth one. An outline is that of a view, which asks for no part's mesh, or is predicted
-where the part may lie.
+Outlines are moved in the table plane until they lie on the visible one. That ignores the change of
+perspective between places, but takes a fraction of a fit's time, and hopeless candidates need no
+fit. An outline comes from a view, which needs no mesh of the part, or is predicted at the part's
+possible position.
 """
 
 from collections.abc import Sequence

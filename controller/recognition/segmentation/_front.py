@@ -1,9 +1,9 @@
 """Things under lamps on a matt table.
 
-The table is smooth: its texture, the fall-off of the light and the shadows that things throw all
-change slowly, while the border of a thing is as sharp as the lens. So the table is what can be
-reached from far outside without crossing a sharp border; what cannot be reached is a thing, its
-dark walls included. Within a thing, table-like patches with no border to the outside are holes.
+The table is smooth: its texture, the fall-off of the light and the shadows of objects all change
+slowly, while the border of an object is as sharp as the lens. So the table is the region reachable
+from far outside without crossing a sharp border; an unreachable region is an object, its dark walls
+included. Within an object, table-like patches with no border to the outside are holes.
 """
 
 import cv2

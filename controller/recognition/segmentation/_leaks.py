@@ -3,9 +3,9 @@
 A dark side lies in its own shadow, or a wall is as grey as the table. The table's region then
 enters through such a gap and swallows the whole object.
 
-Borders with nothing solid beside them show where that happened. Borders near each other then are
-of one thing, and what they enclose is taken to be it: hollows of its outline and its shadow are in
-that, so it is a place to look at more than a silhouette.
+Borders with nothing solid beside them show where that happened. Nearby borders are then taken as
+one object, and the area that they enclose as its region: this includes hollows of its outline and
+its shadow, so it is a place to search rather than a silhouette.
 """
 
 import cv2

@@ -41,7 +41,7 @@ def sharpen(
 ) -> tuple[BoolArray, Float32Array]:
     """Return the mask with its border at the half level, and the field whose zero line it is.
 
-    The field is given where a border can come to lie, a pixel beyond what is mixed, and 0
+    The field is given where a border can lie, up to a pixel beyond the blurred width, and 0
     elsewhere: few of the crop's pixels are near a border.
 
     Parameters

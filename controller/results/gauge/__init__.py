@@ -1,8 +1,8 @@
 """Gauge studies: the scatter of measuring itself, from values the cell has measured.
 
-`_study.py` turns readings into a study per characteristic, `_words.py` says what the data allow,
-`_reference.py` reads values known from elsewhere, `_evidence.py` writes a study to a dated file and
-finds it again, `_page.py` draws it.
+`_study.py` turns readings into a study per characteristic, `_words.py` states the conclusions that
+the data allow, `_reference.py` reads reference values, `_evidence.py` writes a study to a dated
+file and finds it again, `_page.py` draws it.
 """
 
 from ._evidence import FOLDER, Evidence, KeptStudy, kept_studies, study_json, write_evidence

@@ -101,7 +101,7 @@ class CharacteristicGauge:
     def look_to_look(self) -> Interval | None:
         """Six standard deviations between single pictures in one grasp.
 
-        They differ in view and lamp too: an upper bound of what one picture repeats.
+        They differ in view and lamp too: an upper bound of the repeatability of one picture.
         """
         if self.looks is None or self.looks.components[-1].levels[0] != LOOK:
             return None
@@ -201,7 +201,7 @@ def _bias(
 ) -> tuple[float | None, float | None]:
     """Return bias and its expanded uncertainty, each None if unknown.
 
-    What is repeated in one grasp, or from one start pose, is no independent proof: the means of the
+    Values repeated in one grasp, or from one start pose, are no independent proof: the means of the
     coarsest groups below the part count.
     """
     known = {f.part: f for f in references}

@@ -1,6 +1,6 @@
 """A judged part with everything for a report on it, from a run's journal or an inspection.
 
-`_model.py` is what is known, `_sources.py` makes it, `_json.py` prints it for machines.
+`_model.py` has the data, `_sources.py` collects it, `_json.py` prints it for machines.
 """
 
 from ._cad import solid_in_run, solid_of

@@ -1,8 +1,7 @@
 """A judged part for a person's decision: each finding as seen, as predicted, the difference.
 
-`prediction.py` draws what the CAD leads one to expect, `crops.py` cuts it out beside the picture,
-`place.py` shows where on the part it is, `page.py` puts all of it on a page. Nothing is judged
-here.
+`prediction.py` draws the expectation from CAD, `crops.py` cuts it out beside the picture,
+`place.py` shows its place on the part, `page.py` puts all of it on a page. Nothing is judged here.
 """
 
 from .crops import CROPS, Crop, FindingCrops, PartCrops, Seen, border_in

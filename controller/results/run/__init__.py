@@ -1,7 +1,7 @@
 """A run, folded from the rows of its journal.
 
 `load.py` finds runs, `_fold.py` and `_parts.py` fold their rows into the `RunRecord` of `model.py`,
-`log_words.py` puts a row in words, `proof.py` shows what was changed since.
+`log_words.py` puts a row in words, `proof.py` finds later changes.
 """
 
 from ._fold import entry_of, fold

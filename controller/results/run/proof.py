@@ -1,7 +1,7 @@
 """Proves that a run is unchanged: rows by their chain, files by their hashes in rows.
 
-What it cannot prove: whoever can write the folder can also write all of it anew, chain included.
-Only a hash that was noted elsewhere shows that (`head`).
+Not provable: anyone with write access to the folder can rewrite all of it, chain included. Only a
+hash that was noted elsewhere reveals that (`head`).
 """
 
 import hashlib

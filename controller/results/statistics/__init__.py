@@ -1,9 +1,9 @@
 """Statistics of measurements: over the parts of a recipe, and of the gauge itself.
 
-`history.py` collects values from the journal, `charts.py` has the limits of control and the rules
-that see a process move, `capability.py` what a process keeps within; `page.py` draws them.
-`gauge.py` and `nested.py` have what the measuring itself scatters: a crossed study, a nested one.
-Plain numbers in and out; nothing here decides upon a part.
+`history.py` collects values from the journal, `charts.py` has the control limits and the rules that
+detect a shift of the process, `capability.py` the capability indices; `page.py` draws them.
+`gauge.py` and `nested.py` have the scatter of the measurement itself: a crossed study, a nested
+one. Plain numbers in and out; nothing here decides upon a part.
 """
 
 from .capability import MIN_COUNT, Capability, Interval, capability

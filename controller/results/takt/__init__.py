@@ -1,7 +1,7 @@
 """Takt: the use of the arm's time, folded from the journal; a run's time is the arm's.
 
-`uses.py` names what time goes into, `_spans.py` cuts a run's rows into spans of one use each,
-`folding.py` adds them up by part and by run, `groups.py` by whatever runs have in common.
+`uses.py` names the uses of time, `_spans.py` cuts a run's rows into spans of one use each,
+`folding.py` adds them up by part and by run, `groups.py` by common properties of runs.
 """
 
 from .folding import PartTakt, RunTakt, takt_of, takts_of

@@ -244,9 +244,9 @@ class Link:
         """Dead-stop both IPs before their state is known; return whether one handed over.
 
         A host that was killed leaves axes moving (§8.20), and meeting both IPs takes 0.2 s. Silence
-        has put the line in step (§2.9), and a stop harms neither IP. What this does not reach is
-        found moving, and stopped, when its IP is met: a board behind a restarted one, or behind one
-        that toggles automatically.
+        has put the line in step (§2.9), and a stop harms neither IP. Axes that this stop does not
+        reach are found moving, and stopped, when their IP is met: a board behind a restarted one,
+        or behind one that toggles automatically.
         """
         stop = encode_simple(Simple.DEAD_STOP)
         strike = (look, stop) if look else (stop,)

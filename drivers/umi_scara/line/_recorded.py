@@ -91,7 +91,7 @@ def _is_restart(reply: bytes) -> bool:
 class RecordedLine:
     """Both IPs as in a recording: their answers, and the requests they must get.
 
-    A stop may come at any time; what is read after one that was not recorded stays as it was then.
+    A stop may come at any time; readings after an unrecorded one stay as they were then.
 
     Parameters
     ----------

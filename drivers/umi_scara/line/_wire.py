@@ -227,9 +227,9 @@ class Wire:
     async def _judge_stale(self, stale: bytes) -> None:
         """Raise LineUncertainError if unasked bytes came: something may have run that nobody sent.
 
-        An arm sends nothing by itself. What noise has put on the line between two exchanges, it
-        answers as commands, and an acknowledgement need not come first. Only where a reply that
-        timed out is still owed, bytes are taken for it.
+        An arm sends nothing by itself. It answers noise on the line between two exchanges as
+        commands, and an acknowledgement need not come first. Only if a reply that timed out is
+        still owed, bytes are taken for it.
         """
         self.suspect = stale
         is_owed, self.owes_reply = self.owes_reply, False

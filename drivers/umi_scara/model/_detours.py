@@ -1,6 +1,6 @@
 """Joint paths round obstacles. This arm goes over the top.
 
-Zed lifts arm and part above most of what a cell has; there the gripper may hang straight down, or
+Zed lifts arm and part above most objects of a cell; there the gripper may hang straight down, or
 the elbow may draw the arm in.
 """
 

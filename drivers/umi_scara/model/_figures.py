@@ -1,8 +1,8 @@
 """The figures of one arm found by measuring it, as a vector.
 
-What a calibration turns: lengths, tool, where each joint is when its counter means 0, and how
-heading and height depend on the elbow. Bounds are those of an arm that was set up with care
-(umi_rtx.md 4.2 has the factory values of the zeros, 6.1 the nominal lengths).
+The unknowns of a calibration: lengths, tool, the zero of each joint's counter, and the dependence
+of heading and height on the elbow. Bounds are those of an arm that was set up with care (umi_rtx.md
+4.2 has the factory values of the zeros, 6.1 the nominal lengths).
 """
 
 from collections.abc import Mapping, Sequence

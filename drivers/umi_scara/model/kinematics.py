@@ -6,8 +6,8 @@ angle, pitch and roll in rad, zed in mm (0 at the top stop, negative downwards).
 `tcp` has its origin between the finger tips, x along the approach axis, and the jaws open along y.
 Everything is vectorised over leading dimensions. Sections (§) are those of umi_rtx.md.
 
-Joints are what the counters mean. Where an arm's joints truly are, its `ArmGeometry` knows, once it
-was measured: zeros, coupling and sag lie between motors and joints, where no counter sees them.
+Joints are those of the counters. The true joints of an arm follow from its measured `ArmGeometry`:
+zeros, coupling and sag lie between motors and joints, where no counter sees them.
 """
 
 from collections.abc import Iterable
@@ -360,8 +360,8 @@ def _legal_rows(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], Floats]:
     """Return index, elbow half, slot and joints of the legal answers for poses of one kind.
 
-    What a limit of one joint shuts out is dropped before the other joints are worked out, a little
-    beyond the limit; `within_limits` has the last word.
+    Solutions beyond the limit of one joint are dropped before the other joints are computed, with a
+    small allowance; `within_limits` has the last word.
     """
     wrist_rad = _wrist_branches(pose[:, :3, :3], free_headings)[:, :slot_count]
     elbow, shoulder, is_folded = _elbows(pose, geometry)

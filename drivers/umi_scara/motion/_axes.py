@@ -1,7 +1,7 @@
 """The seven motors as the line offers them: parameters, status, go, stop (umi_rtx.md 2).
 
-Knows which IP a motor hangs on, what has been written already, and how to learn after a broken
-exchange whether it was carried out. Knows nothing of limits, homing or joints.
+Knows the IP of each motor, the values already written, and the way to find out after a broken
+exchange if it was carried out. Knows nothing of limits, homing or joints.
 
 Sections (§) are those of umi_rtx.md.
 """

@@ -133,7 +133,7 @@ class Homing:
         """Prove the shoulder's stop now that the elbow is at its own.
 
         With the elbow folded beyond 92 degrees the palm meets the column first, and the shoulder
-        stalls up to 16 degrees early: a stall does not tell what it is at.
+        stalls up to 16 degrees early: a stall alone does not identify the obstacle.
 
         Raises
         ------

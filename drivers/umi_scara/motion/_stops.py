@@ -1,6 +1,6 @@
 """Finding the stops of the arm: drive axes until they lean, then label the stops (§4.1, §4.2).
 
-What every procedure of homing is made of. Sections (§) are those of umi_rtx.md.
+Building blocks of every homing procedure. Sections (§) are those of umi_rtx.md.
 """
 
 import logging

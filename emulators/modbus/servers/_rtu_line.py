@@ -31,9 +31,9 @@ class MasterPlug(Protocol):
 class RtuLine:
     """Serves one bus over a byte stream as RTU, in the world's time.
 
-    A frame is what stands between two silences of 3.5 characters: bytes that follow a request
-    without that pause void it, as on a real line. Request and reply take the time of their
-    characters; reply characters leave one by one as they fall due.
+    A frame lies between two silences of 3.5 characters: bytes that follow a request without that
+    pause void it, as on a real line. Request and reply take the time of their characters; reply
+    characters leave one by one as they fall due.
 
     Parameters
     ----------

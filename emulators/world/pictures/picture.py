@@ -1,7 +1,7 @@
 """Pictures by ray casting: a sensor's light, without noise; docs/adr/0003-pictures.md.
 
-A picture is a sum over lamps. What stands still is painted once per camera and lamp; for a
-picture, only the pixels that moving things or their shadows may touch are painted again.
+A picture is a sum over lamps. Static objects are painted once per camera and lamp; for a picture,
+only the pixels that moving objects or their shadows may touch are painted again.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,8 @@
 """The picture process: it takes orders and makes pictures of them.
 
-It keeps what does not change: what stands still under each lamp, made when that lamp is first
-lit, and the last picture of each camera if nothing in it moved. A test may run `PictureMaker` in
-its own process.
+It caches the constant parts: static objects under each lamp, made when that lamp is first lit, and
+the last picture of each camera if nothing in it moved. A test may run `PictureMaker` in its own
+process.
 """
 
 import os

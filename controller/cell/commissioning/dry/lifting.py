@@ -1,8 +1,8 @@
 """A plan's motions, lifted clear of everything, for a dry run.
 
 Each waypoint is raised along the world's z until the arm, with both grippers open and nothing held,
-is clear of everything in a cell whose bodies are thicker by what nobody has measured yet. What no
-lift makes free is left out, with its reason.
+is clear of everything in a cell whose bodies are thicker by their unmeasured errors. Waypoints that
+no lift makes free are left out, with the reason.
 """
 
 from collections.abc import Iterator

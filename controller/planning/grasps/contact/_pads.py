@@ -1,8 +1,8 @@
 """Contacts of two pads that close on a part: a height field of rays from each pad.
 
 One evaluator for flat, curved, stepped, holed and slanted walls, and for pads that spread inside a
-bore (planning-facts.md 2.2, step 3). A pad is rigid but for its compliance, so only what lies
-within that of its first touch carries, and only where the wall is inside the friction cone.
+bore (planning-facts.md 2.2, step 3). A pad is rigid but for its compliance, so only surface within
+that distance of its first touch carries, and only where the wall is inside the friction cone.
 """
 
 from __future__ import annotations

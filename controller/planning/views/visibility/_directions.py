@@ -114,9 +114,9 @@ def look_out(
 ) -> VisibilityTable:
     """Return candidate directions and what they show, with a search for views of hard spots.
 
-    What fewer than `WANTED_COUNT` of the first directions show is looked for among
-    `SEARCHED_COUNT`, and straight at its normals, so that "hidden by the part" does not
-    hang on `count`.
+    Surface that fewer than `WANTED_COUNT` of the first directions show is searched among
+    `SEARCHED_COUNT` directions, and straight at its normals, so that "hidden by the part" does not
+    depend on `count`.
 
     Parameters
     ----------

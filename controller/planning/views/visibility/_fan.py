@@ -1,7 +1,7 @@
 """Fans of lines round each normal, for spots that no even grid of directions shows.
 
-What shows a spot is often a narrow wedge that opens at the steepest incidence allowed, between two
-directions of a grid three degrees wide.
+The directions that show a spot often form a narrow wedge that opens at the steepest incidence
+allowed, between two directions of a grid three degrees wide.
 """
 
 from __future__ import annotations

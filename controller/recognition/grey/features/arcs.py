@@ -1,7 +1,7 @@
 """Circles and arcs: from the line pieces of their rims, then from edge points.
 
-The paper's cells see an arc as short lines; that their normals meet in one point is what it left
-open. Circles parallel to the table stay circles in its plane, so circles are enough.
+The paper's cells see an arc as short lines, and it left open that their normals meet in one point.
+Circles parallel to the table stay circles in its plane, so circles are enough.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """Views tried all over a place, for things without a whole outline or feature.
 
-A dark side lies in the dark, a streak hides a corner: then what is cut out is a piece, and pairs of
-features of one size may all be wrong. What is left is to try every turn at places of a grid, and to
-count how much of a view has an edge near it that runs its way.
+A dark side lies in the dark, a streak hides a corner: then only a piece is cut out, and pairs of
+features of one size may all be wrong. The remaining way is to try every turn at places of a grid,
+and to count the share of a view's edges with a parallel edge near by.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """Choice of the fits that explain a cluster together, and of each place given the rest.
 
-Two parts cannot be in one place, and each counts by what it explains that others do not. A place
-of which nothing is sure once its neighbours are known is given up, and the rest chosen anew.
+Two parts cannot be in one place, and each counts by the evidence that others do not explain. A
+place that is uncertain once its neighbours are known is given up, and the rest chosen anew.
 """
 
 from collections.abc import Sequence

@@ -106,7 +106,7 @@ def _with(places: Sequence[Place], named: Sequence[LitFit]) -> list[LitFit]:
 def _looking_like(places: Sequence[Place], search: Search) -> list[Proposed]:
     """Return other parts with about the same outline as those placed so far.
 
-    Of parts that differ by what is in them alone one may have been proposed and the other not.
+    Of parts that differ only inside their outline, one may have been proposed and the other not.
     """
     found: list[Proposed] = []
     for fit in (place.fit for place in places if not place.fit.leans):
@@ -306,7 +306,7 @@ def held(
 ) -> tuple[Sequence[LitFit], Sequence[Place]]:
     """Return fits and places without those that would lean on nothing known.
 
-    What explains such a place next best, or its neighbours', gets its turn.
+    The next best explanation of such a place, or of its neighbours', gets its turn.
 
     Parameters
     ----------

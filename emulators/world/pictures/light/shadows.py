@@ -131,10 +131,10 @@ class Shadows:
     ) -> Shadow:
         """Return the share of a ring or a spot lamp that surfaces see, one in each of some pixels.
 
-        That varies slowly over a surface, so that every other pixel in every other row is asked
-        first, and pixels at a surface's rim, where shadows may be narrow. The others take the
-        mean of their neighbours on the same surface, or are asked themselves where there is none,
-        or where these differ. Corners of blocks are asked one by one on what moves.
+        The light varies slowly over a surface, so that every other pixel in every other row is
+        computed first, and pixels at a surface's rim, where shadows may be narrow. The others take
+        the mean of their neighbours on the same surface, or are computed themselves if there are
+        none, or if these differ. Corners of blocks on moving objects are computed one by one.
 
         Parameters
         ----------
@@ -224,8 +224,8 @@ class Shadows:
     ) -> NDArray[np.bool_]:
         """Return a mask of the lamp points that light each surface, (n, k).
 
-        On what is fixed only moving things can throw new shadows; but where one does, shadows of
-        fixed things count as well, since both may take the same part of the lamp away.
+        On fixed objects only moving ones can throw new shadows; but where one does, shadows of
+        fixed objects count as well, since both may hide the same part of the lamp.
         """
         seen = radiance > 0.0
         starts = spots.points_mm + np.float32(LIFT_MM) * spots.flat
