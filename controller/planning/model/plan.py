@@ -229,7 +229,7 @@ class Proof:
     Attributes
     ----------
     cost_s, bound_s : cost and bound of this plan, and what no plan of the scope can undercut
-    scope : the candidates among which that holds
+    scope : the candidates to which the proof applies
     """
 
     cost_s: float

@@ -86,7 +86,7 @@ class Checked:
 
     @property
     def serves_most(self) -> bool:
-        """Whether more landings have an adequate plan than have none."""
+        """True if most dropped parts rest in poses with an adequate plan."""
         return self.served_fraction > 0.5
 
 
