@@ -334,7 +334,7 @@ def test_what_is_in_sight_is_not_called_inspected(
     assert re.search(r"% \(± \d+\.\d%\) of the surface in sight, ", checked)
     assert "1 regrasps" not in checked
     assert re.search(
-        r"ready for \d+% of landings \(how much can be compared shows in the pictures\)\n$", checked
+        r"ready for \d+% of landings \(the pictures decide how much can be compared\)\n$", checked
     )
     assert main(["plan", "--recipe", path, "--cell", str(CELL)]) == 0
     planned = capsys.readouterr().out

@@ -848,7 +848,7 @@ ROWS: tuple[Row, ...] = (
         "step of commissioning that there is not",
         nothing,
         ("commission", "--cell", CELL_FILE, "--yes", "--step", "lamp"),
-        "--step lamp: there are devices, light",
+        "--step lamp: the steps are devices, light",
     ),
     Row(
         "step of commissioning before those that it needs",
