@@ -210,7 +210,7 @@ class Teacher:
 
         Raises
         ------
-        ConfigError : a commissioning wrote it
+        ConfigError : the cell file was written by a commissioning
         """
         if (
             Folder(self._path.parent).cell_file == self._path
