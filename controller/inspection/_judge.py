@@ -162,7 +162,7 @@ def judge(
         float(samples.areas_mm2[mask].sum() / samples.areas_mm2.sum())
         for mask in (compared, in_sight)
     )
-    placed = gather(_confirm(evaluated, samples, limits, find_mm))
+    placed = gather(confirm(evaluated, samples, limits, find_mm))
     found: dict[int, PlacedFinding] = {}
     for one in placed:  # proven ones first
         found = dict.fromkeys(one.face_ids, one) | found
@@ -270,7 +270,7 @@ def _claim(views: Sequence[ViewResult]) -> str:
     return "; ".join(parts)
 
 
-def _confirm(
+def confirm(
     views: Sequence[ViewResult],
     samples: SurfaceSamples,
     limits: InspectionLimits,
@@ -373,13 +373,14 @@ def _is_other_look(
     would move; not so the light model's about a finish, so that two lit pictures decide only where
     both are predicted well all over. A mark is found against its own face, whatever the model; it
     decides with any other look at the part turned, but not where both are the same pixels, as dirt
-    on the lens is. Two lamps in one pose decide on a dent whose bright side turns with the lamp.
+    on the lens is. Two lamps in one pose decide on a dent whose bright side turns with the lamp,
+    and on a mark that no good part showed under either.
     Outline and shading of one pose share only the pose, and both checks have confirmed it:
     together they count where both are too large for what an error within these limits makes.
     """
     if finding.kind.is_mark or other.kind.is_mark:
         if view.view_id == other_view.view_id:
-            return _turns_with_the_lamp(finding, other)
+            return _turns_with_the_lamp(finding, other) or _is_no_good_part(view, finding, other)
         away = np.hypot(*np.subtract(finding.at_px, other.at_px))
         is_other = is_turned(view.T_world_part, other_view.T_world_part)
         return is_other and bool(away > SAME_PIXELS_PX)
@@ -402,6 +403,16 @@ def _turns_with_the_lamp(finding: Finding, other: Finding) -> bool:
         return False
     cosine = float(np.dot(finding.dipole_px, other.dipole_px)) / (lengths[0] * lengths[1])
     return cosine < float(np.cos(OTHER_SIDE_RAD))
+
+
+def _is_no_good_part(view: ViewResult, finding: Finding, other: Finding) -> bool:
+    """Return True if two lamps show what no good part showed there.
+
+    What light does to good parts in this view is known; what two lamps show is on the part.
+    """
+    lamps = {finding.lamp, other.lamp}
+    learned = {c.name for c in view.checks if c.learned_from and not c.reason}
+    return len(lamps) == 2 and lamps <= learned and min(finding.evidence, other.evidence) >= 1.0
 
 
 def _misfit(view: ViewResult, finding: Finding) -> float:

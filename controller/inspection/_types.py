@@ -210,6 +210,7 @@ class Check:
     misfit : share by which a tenth of the lit surface, at least, is off its predicted brightness
     smallest_mm : by kind of mark (dent, scratch, stain) the smallest width that would have been
         found at each sample (n,), inf where none
+    learned_from : good parts that the picture was compared with; 0 for none
     """
 
     name: str
@@ -219,6 +220,7 @@ class Check:
     length_mm: float = 0.0
     misfit: float = 0.0
     smallest_mm: Mapping[str, Float32Array] = field(default_factory=dict)
+    learned_from: int = 0
 
 
 OUTLINE = "outline"

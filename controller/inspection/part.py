@@ -36,6 +36,7 @@ from .grasp_pose import (
 )
 from .integrity import Allowances
 from .kept import Kept
+from .lit import Appearance
 from .view import (
     SeenView,
     Strictness,
@@ -98,6 +99,8 @@ class PartSettings:
     measuring : what is known of lens, scale and temperature before them
     find_mm : by kind of defect the size that has to be found for a pass; of other kinds the size
         is stated
+    appearance : of good parts, which decides on surfaces in views that it serves; None where none
+        was learned
     """
 
     limits: InspectionLimits
@@ -109,6 +112,7 @@ class PartSettings:
     pose: PoseSettings = field(default_factory=PoseSettings)
     measuring: MeasuringSettings = field(default_factory=MeasuringSettings)
     find_mm: Mapping[str, float] = field(default_factory=lambda: NOTHING_ASKED)
+    appearance: Appearance | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -213,7 +217,9 @@ def work_ahead(
         yield
     posed = pose_views(views, settings.pose, kept)
     yield
-    strictness = Strictness(settings.allowances, settings.pose, view_count)
+    strictness = Strictness(
+        settings.allowances, settings.pose, view_count, settings.appearance
+    )
     for view in views.views:
         _result(views, view, posed, strictness, kept)
         yield
@@ -391,7 +397,9 @@ def inspect_views(
     settings : how strictly
     kept : what of it was worked out before
     """
-    strictness = Strictness(settings.allowances, settings.pose, len(views.views))
+    strictness = Strictness(
+        settings.allowances, settings.pose, len(views.views), settings.appearance
+    )
     return tuple(_result(views, view, posed, strictness, kept) for view in views.views)
 
 

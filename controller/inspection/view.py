@@ -38,7 +38,7 @@ from .grasp_pose import (
     fit_grasp,
 )
 from .integrity import Allowances, OutlineResult, compare_outline
-from .lit import BURNT_GREY, LitPictures
+from .lit import BURNT_GREY, Appearance, LitPictures
 from .registration import Registration, register
 
 NEAR_SHARE: Final = 0.9  # share of the outline found in its place
@@ -70,11 +70,13 @@ class Strictness:
     allowances : of its outline
     pose : of its pose
     view_count : views of the part
+    appearance : of good parts; None where none was learned
     """
 
     allowances: Allowances = field(default_factory=Allowances)
     pose: PoseSettings = field(default_factory=PoseSettings)
     view_count: int = 1
+    appearance: Appearance | None = None
 
 
 def see_view(task: ViewTask, pictures: ViewPictures) -> SeenView:
@@ -217,6 +219,40 @@ def compare_view(
     return _compare(part, samples, task, pictures, seen, stand, strictness)
 
 
+def lit_of_view(
+    part: PosedPart,
+    samples: SurfaceSamples,
+    task: ViewTask,
+    pictures: ViewPictures,
+    seen: SeenView,
+    pose: ViewPose | None,
+) -> LitPictures | None:
+    """Return a view's lit pictures at the part's pose; None where the view is not evaluated.
+
+    Parameters
+    ----------
+    part, samples, task, pictures, seen, pose : as `compare_view` has them
+    """
+    stand = _stand_of(part, task, pictures, seen, pose, Strictness())
+    if stand.fit is None:
+        return None
+    return _lit_at(part, samples, task, pictures, seen.scene, stand.sharp, stand.fit)
+
+
+def _lit_at(
+    part: PosedPart,
+    samples: SurfaceSamples,
+    task: ViewTask,
+    pictures: ViewPictures,
+    scene: ViewScene,
+    sharp: Registration | None,
+    fit: PoseFit,
+) -> LitPictures:
+    before = before_part(scene, fit.maps, task.camera)
+    visible = samples_in_sight(part, samples, task.camera, fit.T_world_part, before)
+    return LitPictures(part, samples, task, before, fit, visible, sharp, pictures.lit)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Stand:
     """Pose of a part in a view, or the reason why the view is not evaluated.
@@ -283,7 +319,9 @@ def _compare(
         return _not_evaluated(task, samples, stand.reason)
     limits = task.limits
     outline = _outline(part, samples, task, seen.backlit, pose, fit, strictness)
-    view = _View(part, samples, task, pictures, seen.scene, sharp, outline)
+    view = _View(
+        part, samples, task, pictures, seen.scene, sharp, outline, strictness.appearance
+    )
     best = view.compare_at(fit)
     if not any(f.kind.is_lit for f in best.findings):
         return best
@@ -355,25 +393,24 @@ class _View:
     scene: ViewScene
     sharp: Registration | None
     outline: OutlineResult
+    appearance: Appearance | None
 
     def compare_at(self, fit: PoseFit) -> ViewResult:
         """Return the result of the pictures if this is the part's pose."""
         part, samples, task = self.part, self.samples, self.task
-        scene = before_part(self.scene, fit.maps, task.camera)
         shift, turn = moved(part, task, fit)
-        visible = samples_in_sight(part, samples, task.camera, fit.T_world_part, scene)
+        shading = _lit_at(part, samples, task, self.pictures, self.scene, self.sharp, fit)
+        visible = shading.visible
         findings: list[Finding] = list(self.outline.findings)
         checks: list[Check] = [self.outline.check]
         codes: list[NDArray[np.uint8]] = []
-        if task.lamps:
-            lit = self.pictures.lit
-            shading = LitPictures(part, samples, task, scene, fit, visible, self.sharp, lit)
-            for lamp in task.lamps:
-                check, differing, code = shading.check(lamp.name)
-                checks.append(check)
-                codes.append(code)
-                findings = findings + differing
-        free = visible.free & ~visible.beside_gripper
+        learned = self.appearance and self.appearance.view(task.camera, fit.T_world_part)
+        for lamp in task.lamps:
+            check, differing, code = shading.check(lamp.name, learned)
+            checks.append(check)
+            codes.append(code)
+            findings = findings + differing
+        free = shading.in_sight
         checks = [replace(c, compared=c.compared & free) for c in checks]
         compared = np.logical_or.reduce([c.compared for c in checks])
         x0, y0, _, _ = fit.maps.roi

@@ -1,11 +1,29 @@
 """Pictures under lamps against bounds of the light: coverage, and differences."""
 
 from .compare import BURNT_GREY
-from .marks import DISC, FILTER_STEP, LINE_NODES, LINE_WIDTH, SPOT_NODES
+from .learned import (
+    COARSE,
+    Appearance,
+    LearnedPicture,
+    LearnedView,
+    contrast,
+    on_grid,
+    regridded,
+)
+from .marks import (
+    DISC,
+    FILTER_STEP,
+    LINE_NODES,
+    LINE_WIDTH,
+    SPOT_NODES,
+    filtered,
+    unusual,
+)
 from .pictures import MIN_WIDTH_PX, STEP_PX, LitPictures
 
 __all__ = [
     "BURNT_GREY",
+    "COARSE",
     "DISC",
     "FILTER_STEP",
     "LINE_NODES",
@@ -13,5 +31,13 @@ __all__ = [
     "MIN_WIDTH_PX",
     "SPOT_NODES",
     "STEP_PX",
+    "Appearance",
+    "LearnedPicture",
+    "LearnedView",
     "LitPictures",
+    "contrast",
+    "filtered",
+    "on_grid",
+    "regridded",
+    "unusual",
 ]

@@ -19,6 +19,7 @@ import numpy as np
 from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, median
 
 from .._scene import MAX_INCIDENCE_COS
+from .learned import Known
 from .texture import Texture
 
 SPOT_NODES: Final = (1.2, 2.0, 3.3, 5.5, 9.0)  # standard deviations of a spot filter's middle
@@ -48,6 +49,10 @@ FILTER_STEP: Final = 5 / 3  # ratio of one spot filter's width to the next
 OTHER_STEPS: Final = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
 OTHER_SHARES: Final = (0.0, 0.2, 0.55, 1.0, 0.9, 0.4, 0.35)
 LINE_WIDTH: Final = 2.5  # width of a line likewise
+# A mark answers by so much more than good parts but one do there: of the second largest of eight
+# values of a bell, one in two thousand is beyond this factor.
+BEYOND_GOOD: Final = 2.5
+UNUSUAL_STEP: Final = 7  # nodes to one that counts for a picture's own level
 REACH_NODES: Final = (
     *(SURROUND * sigma for sigma in SPOT_NODES),
     *[LINE_LENGTH_NODES] * DIRECTIONS,
@@ -67,16 +72,23 @@ class Answers:
     weak : the same, where one more in a picture is of no account
     gain : what each spot filter answers (spots, h, w) to a disc of contrast 1 and its best size
         about a node, cut by the border of what is compared
+    noisier : than the noisiest of the good parts known, as a factor; 1 where none are
     """
 
     excess: Float32Array
     limit: Float32Array
     weak: Float32Array
     gain: Float32Array
+    noisier: float = 1.0
 
 
 def answers(
-    texture: Texture, noise: Float32Array, bounced: Float32Array, rate: float, weak_rate: float
+    texture: Texture,
+    noise: Float32Array,
+    bounced: Float32Array,
+    rate: float,
+    weak_rate: float,
+    known: Known | None = None,
 ) -> Answers:
     """Return the responses of spot and line filters, and the part of them beyond chance.
 
@@ -87,6 +99,7 @@ def answers(
     bounced : (h, w) contrast that neighbouring surfaces may add by the light they throw back
     rate : how often in a picture texture may be taken for a mark
     weak_rate : likewise, of marks that only confirm others
+    known : appearance of good parts, whose scatter sets the scale where it is known
     """
     inside = (texture.region > 0).astype(np.float32)
     weights = _weights(inside)
@@ -98,6 +111,10 @@ def answers(
             raw[:] = np.sign(raw) * np.maximum(np.abs(raw) - explained, 0.0)
     quiet = np.maximum(noise, QUIETEST)
     scatter = _scatter(excess, texture.region, inside)
+    noisier = 1.0
+    if known is not None:
+        noisier = max(unusual(excess, known.mask, known.scatter) / known.usual, 1.0)
+        scatter[:, known.mask] = np.float32(noisier) * known.scatter[:, known.mask]
     for some, by_noise in zip(scatter, _gains(), strict=True):
         np.maximum(some, by_noise * quiet, out=some, casting="same_kind")
     peaks = [
@@ -117,7 +134,40 @@ def answers(
         least = whole[i] * (MIN_CONTRAST + about[REACH_NODES[i]])
         np.maximum(np.float64(sure) * some, least, out=limit[i], casting="same_kind")
         np.maximum(np.float64(min(weak, sure)) * some, least, out=low[i], casting="same_kind")
-    return Answers(excess, limit, low, gain)
+    if known is not None:
+        least_of = np.float32(BEYOND_GOOD) * scatter[:, known.mask]
+        for heights in (limit, low):
+            heights[:, known.mask] = np.maximum(heights[:, known.mask], least_of)
+    return Answers(excess, limit, low, gain, noisier)
+
+
+def unusual(excess: Float32Array, mask: BoolArray, scatter: Float32Array) -> float:
+    """Return the median size of the filters' answers (filters, h, w) in deviations of good parts.
+
+    Parameters
+    ----------
+    excess : of a picture
+    mask : (h, w) where good parts are known
+    scatter : (filters, h, w) of these
+    """
+    some = np.flatnonzero(mask)[::UNUSUAL_STEP]
+    if not len(some):
+        return 0.0
+    count = len(excess)
+    every = np.abs(excess.reshape(count, -1)[:, some])
+    return float(median((every / scatter.reshape(count, -1)[:, some]).ravel()))
+
+
+def filtered(contrast: Float32Array, mask: BoolArray) -> Float32Array:
+    """Return the responses of all filters (filters, h, w).
+
+    Parameters
+    ----------
+    contrast : (h, w), 0 off the mask
+    mask : (h, w) what is compared
+    """
+    inside = mask.astype(np.float32)
+    return _filtered(contrast, inside, _weights(inside))
 
 
 def _within_reach(bounced: Float32Array) -> dict[float, Float32Array]:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, Float32Array, Grey
+from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
 from controller.cad import SurfaceSamples
 from controller.imaging import ViewMaps, transform
 from controller.recognition.fitting import EdgePoints, predict_edges
@@ -32,11 +32,21 @@ from .compare import (
     fitted_nodes,
     in_penumbra,
 )
+from .learned import (
+    DARK_GREY,
+    DARKEST_GREY,
+    OTHER_FINISH,
+    Known,
+    LearnedView,
+    contrast,
+    known_at,
+    ratio,
+)
 from .light import Light, bound_light
 from .marks import Answers, answers, finds, smallest_nodes
 from .spots import local_findings
-from .surface import find_surface
-from .texture import Texture, feature_edges, find_texture
+from .surface import Surface, find_surface
+from .texture import Texture, feature_edges, find_texture, learned_texture
 
 STEP_PX: Final = 2  # faces are compared on every second pixel: shadows are as narrow as defects
 LENS_PX: Final = 0.7  # typical blur of a lens
@@ -116,7 +126,7 @@ class LitPictures:
         pictures: Mapping[str, Grey],
     ) -> None:
         self._part, self._samples, self._task, self._scene = part, samples, task, scene
-        self._fit, self._visibility, self._sharp = fit, visible, sharp
+        self._fit, self.visible, self._sharp = fit, visible, sharp
         self._pictures = pictures
         self._lit_by: dict[str, _LitPicture] = {}
         self._fits: dict[str, Brightness] = {}
@@ -162,11 +172,20 @@ class LitPictures:
     @cached_property
     def _smooth_faces(self) -> BoolArray:
         """Nodes on smooth faces, off edges, outline and gripper."""
+        play = EDGE_PLAY_PX + EDGE_PLAY_MM / self._mm + POSE_SPREADS * self._spread_px()
+        return self._off_edges & (self._edge_px > play)
+
+    @cached_property
+    def _edge_px(self) -> Float32Array:
+        """Distance (h, w) of the nodes from the nearest edge [px]."""
         edge = feature_edges(self._surface).astype(np.uint8)
-        away = STEP_PX * cv2.distanceTransform(1 - edge, cv2.DIST_L2, 5)
-        near = away <= EDGE_PLAY_PX + EDGE_PLAY_MM / self._mm + POSE_SPREADS * self._spread_px()
-        usable: BoolArray = self._surface.seen & ~near & self._free
-        return usable & (self._surface.cosine > MAX_INCIDENCE_COS)
+        return np.asarray(STEP_PX * cv2.distanceTransform(1 - edge, cv2.DIST_L2, 5), np.float32)
+
+    @cached_property
+    def _off_edges(self) -> BoolArray:
+        """Nodes in sight (h, w), off the gripper and off edges."""
+        off = self._surface.seen & self._free & (self._edge_px > 0)
+        return np.asarray(off & (self._surface.cosine > MAX_INCIDENCE_COS))
 
     def _spread_px(self) -> Float32Array:
         """Return the uncertainty of the pose at the nodes (h, w), one standard deviation [px]."""
@@ -181,35 +200,82 @@ class LitPictures:
         full = np.repeat(np.repeat(wide, SPREAD_NODES, axis=0), SPREAD_NODES, axis=1)
         return np.asarray(full[: surface.seen.shape[0], : surface.seen.shape[1]])
 
-    def check(self, lamp_name: str) -> tuple[Check, list[Finding], NDArray[np.uint8]]:
-        """Return the check of a lamp's picture, its findings, and the reasons for the rest (n,).
+    @property
+    def surface(self) -> Surface:
+        """The visible surface on the grid of nodes."""
+        return self._surface
+
+    @property
+    def in_sight(self) -> BoolArray:
+        """Mask (n,) of the samples that nothing stands before."""
+        return self.visible.free & ~self.visible.beside_gripper
+
+    @property
+    def T_world_part(self) -> FloatArray:
+        """Pose (4, 4) of the part."""
+        return self._fit.T_world_part
+
+    @property
+    def corner_px(self) -> tuple[int, int]:
+        """Pixel (x, y) of the first node."""
+        return self._fit.maps.roi[:2]
+
+    def refusal(self, lamp_name: str) -> str | None:
+        """Return why a lamp's picture proves nothing, empty if it does; None if it lights nothing.
 
         Parameters
         ----------
         lamp_name : one of the view's lamps
         """
+        lit = self._lit(lamp_name)
+        if reason := self._misfit(lit):
+            return reason
+        if not lit.is_told:
+            # nothing that this lamp is known to light is in sight: nothing is compared or found
+            return None
+        brightness = self._brightness(lamp_name)
+        return self._unlike(lit, brightness) or self._other_lamp(lit, brightness)
+
+    def ratio(self, lamp_name: str) -> tuple[Float32Array, BoolArray]:
+        """Return the logarithm of picture to prediction (h, w), and a mask of where it is good.
+
+        Parameters
+        ----------
+        lamp_name : of a picture that is not refused
+        """
+        observed = self._averaged(lamp_name)
+        good = self._off_edges & (observed < BURNT_GREY)
+        return ratio(observed, self._brightness(lamp_name)), good
+
+    def check(
+        self, lamp_name: str, learned: LearnedView | None = None
+    ) -> tuple[Check, list[Finding], NDArray[np.uint8]]:
+        """Return the check of a lamp's picture, its findings, and the reasons for the rest (n,).
+
+        Parameters
+        ----------
+        lamp_name : one of the view's lamps
+        learned : the same view of good parts; None for none
+        """
         task, limits = self._task, self._task.limits
         lit = self._lit(lamp_name)
-        reason = self._misfit(lit)
-        if not reason and not lit.is_told:
-            # nothing that this lamp is known to light is in sight: nothing is compared or found
-            code = np.where(self._visibility.free, Unjudged.UNLIT.number, 0)
-            return Check(lamp_name, "", self._none()), [], code.astype(np.uint8)
-        brightness = None
-        if not reason:
-            brightness = self._brightness(lamp_name)
-            reason = self._unlike(lit, brightness) or self._other_lamp(lit, brightness)
-        if reason or brightness is None:
-            code = np.where(self._visibility.free, Unjudged.LAMP.number, 0)
-            return Check(lamp_name, reason, self._none()), [], code.astype(np.uint8)
-        brightness = replace(brightness, gloss=self._gloss)
+        reason = self.refusal(lamp_name)
+        if reason != "":
+            why = Unjudged.UNLIT if reason is None else Unjudged.LAMP
+            code = np.where(self.visible.free, why.number, 0)
+            return Check(lamp_name, reason or "", self._none()), [], code.astype(np.uint8)
+        brightness = replace(self._brightness(lamp_name), gloss=self._gloss)
         outcome = compare(
             lit.observed, self._surface, lit.light, brightness, lit.valid, lit.ground, limits,
             self._flattest,
         )  # fmt: skip
         found = self._wrong_light(lamp_name, outcome)
-        texture, noise, bounced = self._texture(lit, brightness)
-        answer = answers(texture, noise, bounced, limits.false_marks, limits.weak_marks)
+        texture, noise, bounced, known = self._texture(lit, brightness, learned)
+        answer = answers(texture, noise, bounced, limits.false_marks, limits.weak_marks, known)
+        if answer.noisier > OTHER_FINISH:
+            # not what was learned: prediction decides
+            texture, noise, bounced, known = self._texture(lit, brightness, None)
+            answer = answers(texture, noise, bounced, limits.false_marks, limits.weak_marks)
         found += local_findings(
             answer,
             texture,
@@ -225,6 +291,7 @@ class LitPictures:
         check = Check(
             lamp_name, "", compared, limits.smallest_defect_mm, misfit=brightness.misfit,
             smallest_mm=self._smallest(answer, texture),
+            learned_from=0 if known is None or learned is None else learned.parts,
         )  # fmt: skip
         return check, found, code
 
@@ -340,30 +407,63 @@ class LitPictures:
             self._fit.T_world_part, (x0, y0), areas, limits.min_area_mm2,
         )  # fmt: skip
 
-    def _texture(
-        self, lit: "_LitPicture", brightness: Brightness
-    ) -> tuple[Texture, Float32Array, Float32Array]:
-        """Return the texture of faces under a lamp, the camera's noise, and bounced light."""
-        light, seen = lit.light, self._surface.seen
+    def _averaged(self, lamp_name: str) -> Float32Array:
+        """Return a lamp's picture as the mean of each node's pixels (h, w) [grey]."""
         x0, y0, x1, y1 = self._fit.maps.roi
-        window = lit.picture[y0:y1, x0:x1].astype(np.float32)
+        window = self._pictures[lamp_name][y0:y1, x0:x1].astype(np.float32)
         even = cv2.copyMakeBorder(window, 0, -window.shape[0] % 2, 0, -window.shape[1] % 2,
                                   cv2.BORDER_REPLICATE)  # fmt: skip
-        observed = cv2.resize(even, seen.shape[::-1], interpolation=cv2.INTER_AREA)
+        shape = self._surface.seen.shape
+        return np.asarray(cv2.resize(even, shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
+
+    def _texture(
+        self, lit: "_LitPicture", brightness: Brightness, learned: LearnedView | None
+    ) -> tuple[Texture, Float32Array, Float32Array, Known | None]:
+        """Return the texture under a lamp, the camera's noise, bounced light, and good parts."""
+        x0, y0, x1, y1 = self._fit.maps.roi
+        known = learned and known_at(learned, lit.name, self._surface, self._fit.T_world_part)
+        bounced = np.zeros(self._surface.seen.shape, dtype=np.float32)
+        if known is not None:
+            ratios, good = self.ratio(lit.name)
+            grey = self._expected_grey(lit.name, known.mean)
+            known = replace(known, mask=known.mask & good & (grey > DARKEST_GREY))
+            texture = learned_texture(contrast(ratios, known.mean, known.mask), grey, known.mask)
+        else:
+            texture = self._own_texture(lit, brightness)
+            uneven = lit.light.bounced.uneven + brightness.gloss * lit.light.bounced.mirrored_uneven
+            uneven = np.asarray(uneven / np.maximum(lit.light.least, LIT), np.float32)
+            bounced = BOUNCED * np.where(self._surface.seen, uneven, np.float32(0))
+        window = lit.picture[y0:y1, x0:x1].astype(np.float32)
+        grey_noise = max(picture_noise(window), MIN_NOISE_GREY) / STEP_PX
+        noise = np.asarray(grey_noise / np.maximum(texture.smooth, 1.0), np.float32)
+        veil = VEIL_GREY / np.maximum(texture.smooth, 1.0)
+        return texture, noise, np.asarray(bounced + veil, np.float32), known
+
+    def _own_texture(self, lit: "_LitPicture", brightness: Brightness) -> Texture:
+        """Return the texture of faces under a lamp about their own smooth brightness."""
+        light, seen = lit.light, self._surface.seen
+        observed = self._averaged(lit.name)
         good = ~in_penumbra(light) & ~grow(light.partly, PARTLY_NODES)
         good &= lit.valid & (light.least > LIT)
         sure = cv2.erode(good.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
         usable = self._smooth_faces & (sure > 0)
         usable &= observed < BURNT_GREY
         predicted = np.where(seen, brightness.direct, np.float32(0))
-        texture = find_texture(np.asarray(observed, np.float32), self._surface, usable, predicted)
-        grey = max(picture_noise(window), MIN_NOISE_GREY) / STEP_PX
-        noise = np.asarray(grey / np.maximum(texture.smooth, 1.0), np.float32)
-        uneven = light.bounced.uneven + brightness.gloss * light.bounced.mirrored_uneven
-        uneven = np.asarray(uneven / np.maximum(light.least, LIT), np.float32)
-        bounced = BOUNCED * np.where(seen, uneven, np.float32(0))
-        veil = VEIL_GREY / np.maximum(texture.smooth, 1.0)
-        return texture, noise, np.asarray(bounced + veil, np.float32)
+        return find_texture(observed, self._surface, usable, predicted)
+
+    def _averaged(self, lamp_name: str) -> Float32Array:
+        """Return a lamp's picture as the mean of each node's pixels (h, w) [grey]."""
+        x0, y0, x1, y1 = self._fit.maps.roi
+        window = self._pictures[lamp_name][y0:y1, x0:x1].astype(np.float32)
+        even = cv2.copyMakeBorder(window, 0, -window.shape[0] % 2, 0, -window.shape[1] % 2,
+                                  cv2.BORDER_REPLICATE)  # fmt: skip
+        shape = self._surface.seen.shape
+        return np.asarray(cv2.resize(even, shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
+
+    def _expected_grey(self, lamp_name: str, mean: Float32Array) -> Float32Array:
+        """Return the brightness (h, w) of good parts with this mean logarithm of the ratio."""
+        direct = np.maximum(self._brightness(lamp_name).direct, np.float32(0))
+        return np.asarray((direct + DARK_GREY) * np.exp(mean) - DARK_GREY, np.float32)
 
     def _misfit(self, lit: "_LitPicture") -> str:
         """Return the reason why a lit picture misses the pose or is not sharp; empty if neither."""
@@ -409,9 +509,9 @@ class LitPictures:
     def _at_samples(self) -> tuple[BoolArray, NDArray[np.intp], NDArray[np.intp]]:
         """Mask of the samples (n,) on the grid, and the rows and columns of these."""
         x0, y0, x1, y1 = self._fit.maps.roi
-        u, v = ((self._visibility.pixels - [x0, y0]) // STEP_PX).T
+        u, v = ((self.visible.pixels - [x0, y0]) // STEP_PX).T
         height, width = -(-(y1 - y0) // STEP_PX), -(-(x1 - x0) // STEP_PX)
-        inside = self._visibility.free & (u >= 0) & (v >= 0) & (u < width) & (v < height)
+        inside = self.visible.free & (u >= 0) & (v >= 0) & (u < width) & (v < height)
         return inside, v[inside], u[inside]
 
     def _smallest(self, answer: Answers, texture: Texture) -> dict[str, Float32Array]:

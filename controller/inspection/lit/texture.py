@@ -70,6 +70,25 @@ def feature_edges(surface: Surface) -> BoolArray:
     return edge
 
 
+def learned_texture(contrast: Float32Array, smooth: Float32Array, mask: BoolArray) -> Texture:
+    """Return the texture of a picture against good parts.
+
+    What these look like is known across borders of shadows and faces: it is one region.
+
+    Parameters
+    ----------
+    contrast, smooth : (h, w) of the picture against good parts, and their brightness [grey]
+    mask : (h, w) where they are known
+    """
+    return Texture(
+        mask.astype(np.int32),
+        np.where(mask, contrast, np.float32(0)),
+        np.where(mask, smooth, np.float32(1)),
+        np.zeros(mask.shape, dtype=np.float32),
+        np.zeros(2, dtype=bool),
+    )
+
+
 def find_texture(
     observed: Float32Array, surface: Surface, usable: BoolArray, predicted: Float32Array
 ) -> Texture:

@@ -1,0 +1,182 @@
+"""Series of held parts with known truth, path-traced: many pieces of one part, shown alike.
+
+    python benchmarks/trace_series.py FOLDER=SEED... [--good 12] [--defects 8] [--until 21:40]
+
+Writes into each FOLDER what `trace_held.py` writes, piece by piece: s0001 up. The seed draws the
+part, its material, camera, lamps, gripper, and the commanded views, which all pieces share. Each
+piece is built anew within its tolerances, slips in the fingers by up to 0.8 mm and 1 degree, is
+shown by an arm that errs by up to 0.3 mm and 0.25 degrees, and has a finish and dust of its own;
+exposures are the first piece's. The first --good pieces are good, the others have one defect each,
+of the kinds that surfaces show. `bench_learned.py` learns from the first and judges the rest.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import trace_held
+from trace_held import (
+    Folder,
+    Specimen,
+    draw_dust,
+    draw_look,
+    is_late,
+    scaled,
+    write_atomically,
+    write_pictures,
+)
+from trace_held_defects import NoPlaceError, as_built, mesh_of, with_defect
+from trace_held_hold import NoHoldError, View, disturbed
+from trace_scene import NoTracerError, tracer
+
+from controller.cad import CadError
+
+KINDS = ("dent", "chip", "scratch", "burr", "stain", "pit", "hole_small", "hole_filled")
+SLIP_MM, SLIP_DEG = 0.8, 1.0
+ARM_MM, ARM_DEG = 0.3, 0.25
+PLAY = 0.03  # share by which gloss and albedo differ from piece to piece
+MAX_TRIES = 25
+
+
+class Piece(Specimen):
+    """One piece of a series: built, slipped and dusted by itself, shown as the series is."""
+
+    def __init__(self, series: Specimen, number: int, cls: str, kind: str) -> None:
+        vars(self).update(vars(series))
+        self.number, self.cls, self.kind = number, cls, kind
+        self.rng = rng = np.random.default_rng([series.seed, 7, number])
+        self.first = series
+        for _ in range(MAX_TRIES):
+            try:
+                self.built = (
+                    as_built(self.part, rng)
+                    if cls == "good"
+                    else with_defect(self.part, kind, rng)
+                )
+                break
+            except NoPlaceError:
+                continue
+        else:
+            raise NoPlaceError(f"{kind} on no place of {self.part.name}")
+        self.body = scaled(mesh_of(self.built.body), self.built)
+        # the same machining with another phase, gloss and albedo
+        words = np.random.default_rng([series.seed, 8])
+        look, self.material = draw_look(words, plain=False)
+        roll = tuple(int(v) for v in rng.integers(0, look.albedo.shape[0], 2))
+        material = {k: v * rng.uniform(1 - PLAY, 1 + PLAY) for k, v in look.material.items()}
+        self.look = dataclasses.replace(
+            look,
+            material=material,
+            albedo=np.roll(look.albedo, roll, (0, 1)),
+            height=np.roll(look.height, roll, (0, 1)),
+        )
+        self.dust = draw_dust(self.body, rng)
+        self.commanded = series.views
+        middle = self.body.bounding_box.centroid
+        slips = [disturbed(np.eye(4), middle, SLIP_MM, SLIP_DEG, rng) for _ in self.grasps]
+        self.arm = []
+        views = []
+        for view in series.views:
+            pivot = view.T[:3, :3] @ middle + view.T[:3, 3]
+            arm = disturbed(np.eye(4), pivot, ARM_MM, ARM_DEG, rng)
+            self.arm.append(arm @ view.T)
+            views.append(View(view.grasp, arm @ view.T @ slips[view.grasp]))
+        self.views = views
+
+    def things(self, view: View, body: Any = None) -> list[Any]:
+        """Return what stands before the camera: the part slipped in the fingers."""
+        number = next(i for i, one in enumerate(self.views) if one is view)
+        part, *rest = super().things(view, body)
+        count = len(self.grasps[view.grasp].boxes)
+        boxes = [
+            dataclasses.replace(thing, T=self.arm[number] @ box.T)
+            for thing, box in zip(rest[:count], self.grasps[view.grasp].boxes, strict=True)
+        ]
+        return [part, *boxes, *rest[count:]]
+
+    def expected(self) -> list[Any]:
+        """Return the commanded pose of part and gripper's boxes, view by view."""
+        return [
+            (view.T, [view.T @ box.T for box in self.grasps[view.grasp].boxes])
+            for view in self.commanded
+        ]
+
+
+class Series(Folder):
+    """A folder of one series."""
+
+    def __init__(self, path: Path, seed: int, good: int) -> None:
+        super().__init__(path, seed)
+        self.good = good
+        self.base = Specimen(seed, "good", "as_built")
+
+    def add(self, number: int) -> None:
+        """Make one piece."""
+        start = time.perf_counter()
+        is_good = number < self.good
+        kind = "as_built" if is_good else KINDS[(number - self.good) % len(KINDS)]
+        for turn in range(len(KINDS)):
+            try:
+                piece = Piece(self.base, number, "good" if is_good else "defect", kind)
+                break
+            except NoPlaceError:
+                kind = KINDS[(number - self.good + turn + 1) % len(KINDS)]
+        seen_kind = kind
+        if "gains" in self.truth:
+            trace_held.exposures = lambda *_: self.truth["gains"]
+        pictures, shows = piece.trace()
+        self.truth.setdefault("gains", piece.gains)
+        folder = self.path / self.name(number)
+        folder.mkdir(exist_ok=True)
+        write_pictures(folder, pictures)
+        part = self._cad(piece.part, folder)
+        write_atomically(folder / "SET.json", json.dumps(piece.set_words(part)))
+        words = {"specimen": self.name(number), **piece.truth_words(shows), "tracer": 2}
+        self.truth["specimens"] = sorted(
+            [*self.truth["specimens"], words], key=lambda s: str(s["specimen"])
+        )
+        self.done.add(self.name(number))
+        write_atomically(self.file, json.dumps(self.truth))
+        seconds = time.perf_counter() - start
+        print(f"{self.path.name} {self.name(number)} {seen_kind:12} {piece.part.name:18} "
+              f"{piece.material['kind']:9} {len(words['visible_views'])} views show it, "
+              f"{seconds:.1f} s", flush=True)  # fmt: skip
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Parse, trace, and turn an error into one sentence."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folders", nargs="+", metavar="FOLDER=SEED", help="filled in turn")
+    parser.add_argument("--good", type=int, default=12, help="good pieces a series")
+    parser.add_argument("--defects", type=int, default=8, help="pieces with one defect")
+    parser.add_argument("--until", help="HH:MM; no piece is begun later")
+    args = parser.parse_args(argv)
+    cv2.setNumThreads(1)
+    try:
+        tracer()
+        series = []
+        for word in args.folders:
+            path, _, seed = word.rpartition("=")
+            series.append(Series(Path(path), int(seed), args.good))
+        for one in series:
+            print(f"{one.path.name}: {one.base.part.name}, {len(one.base.views)} views, "
+                  f"{100 * one.base.coverage:.0f} % in sight", flush=True)  # fmt: skip
+            while one.next_number() < args.good + args.defects and not is_late(args.until):
+                one.add(one.next_number())
+    except (NoTracerError, NoHoldError, NoPlaceError, CadError, OSError, ValueError) as error:
+        print(f"trace_series: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

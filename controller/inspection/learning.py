@@ -1,0 +1,417 @@
+"""Learning what good parts look like, from the pictures of some that were accepted.
+
+Parts are brought to one grid by their measured poses, view by view. What is kept is the median of
+picture over prediction, and how far each part is from the median of the others: so the scatter has
+in it all that differs from one good part to the next, the errors of the poses too. A part that
+shows a defect against the others is named, and left out.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Final
+
+import cv2
+import numpy as np
+
+from controller.arrays import BoolArray, Float32Array, FloatArray
+from controller.imaging import inverse_pose, rotation_angle, transform
+
+from ._gathered import PlacedFinding, gather
+from ._judge import confirm
+from ._types import Verdict, ViewResult
+from .kept import Kept
+from .lit import (
+    COARSE,
+    STEP_PX,
+    Appearance,
+    LearnedPicture,
+    LearnedView,
+    LitPictures,
+    contrast,
+    filtered,
+    on_grid,
+    regridded,
+    unusual,
+)
+from .part import HeldView, PosedViews, ViewSet, pose_views
+from .grasp_pose import PoseSettings
+from .view import lit_of_view
+
+MIN_PARTS: Final = 5  # with fewer, one defective part is not told from the others
+# Poses in which parts show the same view: farther apart, the prediction carries too much.
+ALIKE_MM: Final = 3.0
+ALIKE_RAD: Final = float(np.radians(3.0))
+NEAR_NODES: Final = 5  # window of nodes whose largest answer counts
+LEAST_SCATTER: Final = 1e-3  # of an answer: below the noise of any camera
+
+
+class TooFewPartsError(Exception):
+    """Fewer good parts than learning needs."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class GoodPart:
+    """An accepted part.
+
+    Attributes
+    ----------
+    name : for people
+    views : its pictures
+    """
+
+    name: str
+    views: ViewSet
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Tried:
+    """One part judged by what the others look like.
+
+    Attributes
+    ----------
+    name : of the part
+    compared, in_sight : share of the surface that lit pictures compared, and had in sight
+    odd : places where it differs from the others; empty for a good part
+    """
+
+    name: str
+    compared: float
+    in_sight: float
+    odd: tuple[PlacedFinding, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Lesson:
+    """What was learned.
+
+    Attributes
+    ----------
+    appearance : of the good parts
+    tried : each of them, judged by the others
+    left_out : parts that differ from the others
+    unlearned : views that too few parts show, in words
+    """
+
+    appearance: Appearance
+    tried: tuple[Tried, ...]
+    left_out: tuple[Tried, ...]
+    unlearned: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Shown:
+    """A part in one view."""
+
+    part: int
+    view: HeldView
+    T_world_part: FloatArray
+
+
+def learn(
+    parts: Sequence[GoodPart],
+    settings: PoseSettings | None = None,
+    told: Callable[[str], None] = lambda words: None,
+) -> Lesson:
+    """Return what good parts look like.
+
+    Parameters
+    ----------
+    parts : of one CAD model, with their pictures
+    settings : what is known of arm, parts and light before the pictures
+    told : hears what is done
+
+    Raises
+    ------
+    TooFewPartsError : fewer than five parts, or than five that are alike, are left
+    """
+    settings = settings or PoseSettings()
+    left: list[GoodPart] = list(parts)
+    posed = {part.name: pose_views(part.views, settings, Kept()) for part in parts}
+    left_out: list[Tried] = []
+    while True:
+        if len(left) < MIN_PARTS:
+            odd = "".join(f"; {one.name} differs from the others" for one in left_out)
+            raise TooFewPartsError(
+                f"{len(left)} good parts, {MIN_PARTS} are needed to tell what is usual{odd}"
+            )
+        lesson = _Lesson(left, [posed[part.name] for part in left], told).lesson()
+        odd = [one for one in lesson.tried if one.odd]
+        if not odd:
+            return replace(lesson, left_out=tuple(left_out))
+        # the oddest alone: what it does to the others' median goes with it
+        worst = max(odd, key=lambda one: max(f.area_mm2 for f in one.odd))
+        told(f"{worst.name} differs from the others and is left out")
+        left_out.append(worst)
+        left = [part for part in left if part.name != worst.name]
+
+
+class _Lesson:
+    """One round: learn from parts, and judge each by the others."""
+
+    def __init__(
+        self,
+        parts: Sequence[GoodPart],
+        posed: Sequence[PosedViews],
+        told: Callable[[str], None],
+    ) -> None:
+        self._parts, self._posed, self._told = parts, posed, told
+        self._samples = parts[0].views.samples
+        self._solid = parts[0].views.part.solid
+        self._middle = np.asarray(self._solid.centroid_mm, np.float64)
+        self._results: list[list[ViewResult]] = [[] for _ in parts]
+        self._in_sight = np.zeros((len(parts), len(self._samples.points_mm)), dtype=bool)
+
+    def lesson(self) -> Lesson:
+        """Return what was learned, with each part judged by the others."""
+        views, unlearned = [], []
+        for group in _alike(self._shown(), self._middle):
+            names = sorted({one.view.task.view_id for one in group})
+            if len({one.part for one in group}) < MIN_PARTS:
+                unlearned.append(f"{', '.join(names)}: shown alike by {len(group)} parts")
+                continue
+            self._told(f"view {names[0]}, {len(group)} parts")
+            if (view := self._view(group)) is not None:
+                views.append(view)
+        return Lesson(
+            Appearance(tuple(views), self._middle),
+            tuple(self._tried(i) for i in range(len(self._parts))),
+            (),
+            tuple(unlearned),
+        )
+
+    def _shown(self) -> Iterator[_Shown]:
+        for number, (part, posed) in enumerate(zip(self._parts, self._posed, strict=True)):
+            for view in part.views.views:
+                pose = posed.pose(view.task.view_id)
+                if pose is not None and view.task.lamps:
+                    yield _Shown(number, view, pose.T_world_part)
+
+    def _view(self, group: Sequence[_Shown]) -> LearnedView | None:
+        """Return a learned view, None where too few pictures of it can be used."""
+        some = [(one, lit) for one in group if (lit := self._lit(one)) is not None]
+        if len(some) < MIN_PARTS:
+            return None
+        shown, lits = [one for one, _ in some], [lit for _, lit in some]
+        away = _apart(shown, self._middle)
+        mid = int(np.argmin(away.sum(axis=1).sum(axis=1)))
+        base = _base(shown[mid], lits[mid], away[mid], len(some))
+        pictures: dict[str, LearnedPicture] = {}
+        without: list[dict[str, LearnedPicture]] = [{} for _ in some]
+        for lamp in [lamp.name for lamp in shown[mid].view.task.lamps]:
+            good = [i for i, lit in enumerate(lits) if lit.refusal(lamp) == ""]
+            if len(good) < MIN_PARTS:
+                continue
+            found = _learned(base, lits[mid], [lits[i] for i in good], lamp)
+            pictures[lamp] = found.picture
+            for i, mean in zip(good, found.others, strict=True):
+                without[i][lamp] = replace(found.picture, mean=mean)
+        others = [replace(base, pictures=known, parts=len(some) - 1) for known in without]
+        for (one, lit), known in zip(some, others, strict=True):
+            self._judge(one, lit, known)
+        return replace(base, pictures=pictures)
+
+    def _lit(self, one: _Shown) -> LitPictures | None:
+        posed, task = self._posed[one.part], one.view.task
+        views = self._parts[one.part].views
+        return lit_of_view(
+            views.part,
+            views.samples,
+            task,
+            one.view.pictures,
+            posed.seen[task.view_id],
+            posed.pose(task.view_id),
+        )
+
+    def _judge(self, one: _Shown, lit: LitPictures, others: LearnedView) -> None:
+        """Judge a part's view by what the others look like."""
+        task = one.view.task
+        outcomes = [lit.check(lamp.name, others) for lamp in task.lamps]
+        checks = tuple(check for check, _, _ in outcomes)
+        found = [finding for _, findings, _ in outcomes for finding in findings]
+        self._in_sight[one.part] |= lit.in_sight
+        self._results[one.part].append(
+            ViewResult(
+                view_id=task.view_id,
+                evaluated=True,
+                reason="",
+                T_world_part=one.T_world_part,
+                shift_mm=0.0,
+                turn_rad=0.0,
+                residual_px=0.0,
+                findings=tuple(f for f in found if f.evidence >= 1.0),
+                hints=tuple(f for f in found if f.evidence < 1.0),
+                compared=np.logical_or.reduce([c.compared for c in checks]) & lit.in_sight,
+                outline_px=np.zeros((0, 2)),
+                checks=checks,
+            )
+        )
+
+    def _tried(self, number: int) -> Tried:
+        results = self._results[number]
+        areas = self._samples.areas_mm2
+        compared = np.zeros(len(areas), dtype=bool)
+        for one in results:
+            compared |= one.compared
+        limits = self._parts[number].views.views[0].task.limits
+        placed = gather(confirm(results, self._samples, limits, {}))
+        return Tried(
+            self._parts[number].name,
+            float(areas[compared].sum() / areas.sum()),
+            float(areas[self._in_sight[number]].sum() / areas.sum()),
+            tuple(one for one in placed if one.verdict is Verdict.FAIL),
+        )
+
+
+def _alike(shown: Iterator[_Shown], middle: FloatArray) -> list[list[_Shown]]:
+    """Return the views that show a part alike, part by part, each in the group of its nearest."""
+    groups: list[list[_Shown]] = []
+    for one in shown:
+        near = []
+        for group in groups:
+            mm, rad = _between(group[0], one, middle)
+            off = max(mm / ALIKE_MM, rad / ALIKE_RAD)
+            if off <= 1.0 and all(other.part != one.part for other in group):
+                near.append((off, len(near), group))
+        if near:
+            min(near)[2].append(one)
+        else:
+            groups.append([one])
+    return groups
+
+
+def _between(one: _Shown, other: _Shown, middle: FloatArray) -> tuple[float, float]:
+    """Return the distance [mm] and the turn [rad] between two poses, each before its camera."""
+    a, b = (
+        inverse_pose(s.view.task.camera.T_world_cam) @ s.T_world_part for s in (one, other)
+    )
+    mm = np.linalg.norm(transform(a, middle[None]) - transform(b, middle[None]))
+    return float(mm), rotation_angle(a[:3, :3] @ b[:3, :3].T)
+
+
+def _apart(shown: Sequence[_Shown], middle: FloatArray) -> FloatArray:
+    """Return distances and turns between poses (n, n, 2) [mm, rad]."""
+    return np.array([[_between(a, b, middle) for b in shown] for a in shown])
+
+
+def _base(one: _Shown, lit: LitPictures, away: FloatArray, count: int) -> LearnedView:
+    """Return a view without pictures on the grid of one part."""
+    return LearnedView(
+        camera=one.view.task.camera,
+        T_world_part=one.T_world_part,
+        corner_px=lit.corner_px,
+        step_px=STEP_PX,
+        depth_mm=lit.surface.depth_mm,
+        reach_mm=float(away[:, 0].max()),
+        reach_rad=float(away[:, 1].max()),
+        parts=count,
+        pictures={},
+    )
+
+
+def _regridded(
+    base: LearnedView, own: LitPictures, lit: LitPictures, values: Sequence[Float32Array]
+) -> Float32Array:
+    """Return maps (k, h, w) of a part's picture on a view's grid, nan where that is unseen.
+
+    Parameters
+    ----------
+    base : the view
+    own : the part whose grid it is
+    lit : the part
+    values : on its own grid, nan where nothing is known
+    """
+    there = replace(
+        base,
+        T_world_part=lit.T_world_part,
+        corner_px=lit.corner_px,
+        depth_mm=lit.surface.depth_mm,
+    )
+    columns, rows, near = on_grid(there, own.surface, base.T_world_part)
+    return np.stack([regridded(one, columns, rows, near) for one in values])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Found:
+    """A learned picture, and for each part the mean of the others."""
+
+    picture: LearnedPicture
+    others: list[Float32Array]
+
+
+def _learned(
+    base: LearnedView, own: LitPictures, lits: Sequence[LitPictures], lamp: str
+) -> _Found:
+    """Return the appearance of parts under a lamp, on the grid of one of them.
+
+    How far a part is from the others is found on its own grid, as a part is judged later.
+    """
+    ratios = [np.where(good, r, np.float32("nan")) for r, good in (l.ratio(lamp) for l in lits)]
+    stack = np.stack(
+        [_regridded(base, own, lit, [r])[0] for lit, r in zip(lits, ratios, strict=True)]
+    )
+    shown = np.isfinite(stack).sum(axis=0) >= max(MIN_PARTS - 1, 3 * len(stack) // 4)
+    level = _median(stack, shown)
+    for one in stack:
+        both = shown & np.isfinite(one)
+        one -= np.median(one[both] - level[both]) if both.any() else np.float32(0)
+    others = [_median(np.delete(stack, i, axis=0), shown) for i in range(len(stack))]
+    answered = []
+    for lit, mean, mine in zip(lits, others, ratios, strict=True):
+        there = regridded(mean, *on_grid(base, lit.surface, lit.T_world_part))
+        mask = np.isfinite(there) & np.isfinite(mine)
+        found = np.abs(filtered(contrast(mine, there, mask), mask))
+        found[:, ~mask] = np.nan
+        answered.append(_regridded(base, own, lit, found))
+    every = np.stack(answered)
+    told = np.isfinite(every[:, 0]).sum(axis=0) >= len(every) - 1
+    scatter = _pooled(_scatter(every, told), told)
+    fine = np.repeat(np.repeat(scatter, COARSE, axis=1), COARSE, axis=2)
+    fine = fine[:, : shown.shape[0], : shown.shape[1]]
+    usual = [unusual(one, np.isfinite(one[0]) & told, fine) for one in every]
+    nan = np.float32("nan")
+    mean = np.where(told, _median(stack, shown), nan)
+    without = [np.where(told, other, nan) for other in others]
+    return _Found(LearnedPicture(mean, scatter, max(usual)), without)
+
+
+def _median(stack: Float32Array, shown: BoolArray) -> Float32Array:
+    """Return the median (..., h, w) over parts where enough show it, else nan."""
+    out = np.full(stack.shape[1:], np.nan, dtype=np.float32)
+    out[..., shown] = np.nanmedian(stack[..., shown], axis=0)
+    return out
+
+
+def _scatter(every: Float32Array, told: BoolArray) -> Float32Array:
+    """Return the scale (filters, h, w) of parts' answers: the largest near by but for one part's.
+
+    At an edge a part that lies a little further off answers much more than most; a mean would not
+    know of it. One part of them all may have a defect, or dust.
+
+    Parameters
+    ----------
+    every : (parts, filters, h, w) sizes of the answers, nan where unseen
+    told : (h, w) where enough parts show it
+    """
+    kernel = np.ones((NEAR_NODES, NEAR_NODES), np.uint8)
+    near = np.nan_to_num(every)
+    for part in near:
+        for one in part:
+            one[:] = cv2.dilate(one, kernel)
+    return np.where(told, np.partition(near, -2, axis=0)[-2], np.float32("nan"))
+
+
+def _pooled(scale: Float32Array, shown: BoolArray) -> Float32Array:
+    """Return the scale of answers (filters, h / 2, w / 2): the largest of a value's nodes.
+
+    Parameters
+    ----------
+    scale : (filters, h, w) of the parts' answers
+    shown : (h, w) where it is known
+    """
+    height, width = shown.shape
+    pad = ((0, 0), (0, -height % COARSE), (0, -width % COARSE))
+    known = np.pad(np.where(shown, scale, np.float32(0)), pad)
+    count, rows, columns = known.shape
+    cells = known.reshape(count, rows // COARSE, COARSE, columns // COARSE, COARSE)
+    return np.maximum(np.sqrt((cells**2).mean(axis=(2, 4))), LEAST_SCATTER).astype(np.float32)
