@@ -25,6 +25,7 @@ import cv2
 import numpy as np
 import trace_held
 from trace_held import (
+    Body,
     Folder,
     Specimen,
     draw_dust,
@@ -58,9 +59,7 @@ class Piece(Specimen):
         for _ in range(MAX_TRIES):
             try:
                 self.built = (
-                    as_built(self.part, rng)
-                    if cls == "good"
-                    else with_defect(self.part, kind, rng)
+                    as_built(self.part, rng) if cls == "good" else with_defect(self.part, kind, rng)
                 )
                 break
             except NoPlaceError:
@@ -92,7 +91,7 @@ class Piece(Specimen):
             views.append(View(view.grasp, arm @ view.T @ slips[view.grasp]))
         self.views = views
 
-    def things(self, view: View, body: Any = None) -> list[Any]:
+    def things(self, view: View, body: Body | None = None) -> list[Any]:
         """Return what stands before the camera: the part slipped in the fingers."""
         number = next(i for i, one in enumerate(self.views) if one is view)
         part, *rest = super().things(view, body)

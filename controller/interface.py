@@ -310,7 +310,9 @@ def judge_pictures(view_set: FileName, *, recipe: FileName | None = None) -> Par
     """
     path = Path(view_set)
     file = load_view_set(path)
-    by = Judging(None if recipe is None else load_recipe(Path(recipe)), Path(recipe or path), path)
+    rules = None if recipe is None else load_recipe(Path(recipe))
+    learned = file.learned if rules is None else rules.inspection.learned
+    by = Judging(rules, Path(recipe or path), path, learned)
     return judge_views(file, compiled_part(path, file), read_pictures(path, file), by)
 
 

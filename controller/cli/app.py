@@ -15,6 +15,7 @@ from .commissioning import commission, jog, print_target, teach
 from .devices import doctor, emulate
 from .history import backup, history, review
 from .inspecting import inspect, replay, verify
+from .learning import learn
 from .parts import compile_
 from .planning import check, plan
 from .project import init
@@ -106,6 +107,7 @@ _SECTIONS = {
     "Judge and report": (
         (recognise, "cellctl recognise table.png --parts parts --calibration camera.json"),
         (inspect, "cellctl inspect part_17/SET.json --report part_17.html"),
+        (learn, "cellctl learn --runs runs --accepted --recipe holder -o holder.learned"),
         (report, "cellctl report --format json"),
         (verify, "cellctl verify 20260314-092641-512-holder"),
     ),

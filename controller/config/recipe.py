@@ -48,6 +48,8 @@ class InspectionSection(Section):
         `current`, none of its calibrations stale; `verified`, and its verification passed with them
     characteristics : limits of single characteristics, distances between further planes, and what
         is not measured
+    learned : file of what good parts look like, as `cellctl learn` writes it, relative to the
+        recipe; it decides on surfaces in the views that it knows
     """
 
     max_incidence_deg: float = Field(70.0, ge=20, le=85)
@@ -59,6 +61,7 @@ class InspectionSection(Section):
     characteristics: Annotated[tuple[CharacteristicSection, ...], Field(max_length=500)] = ()
     smallest_defect_mm: float = Field(3.0, ge=0.5, le=50)
     find: dict[DefectKind, DefectSize] = Field(default_factory=dict)
+    learned: Path | None = None
     least_gain: float = Field(0.0, ge=0, le=0.1)  # share of the surface that each view must add
 
 
@@ -181,6 +184,15 @@ def load_recipe(path: Path, draft: str | None = None) -> Recipe:
     if recipe.unite:
         part = _united(part, f"{path}:{line_of(('unite',))}")
     others = tuple(inside(other, "others", i) for i, other in enumerate(recipe.others))
+    inspection = recipe.inspection
+    if inspection.learned is not None:
+        learned = inside(inspection.learned, "inspection", "learned")
+        if not _is_file(learned):
+            line = line_of(("inspection", "learned"))
+            raise ConfigError(
+                f"{path}:{line}: `inspection.learned`: no file {learned}; `cellctl learn` writes it"
+            )
+        inspection = inspection.model_copy(update={"learned": learned})
     cell = inside(recipe.cell, "cell")
     if "cell" not in recipe.model_fields_set and not _is_file(cell):
         cell = EMULATED_CELL
@@ -189,7 +201,9 @@ def load_recipe(path: Path, draft: str | None = None) -> Recipe:
     for cad, line in named:
         if not _is_file(split_cad(cad).file):
             raise ConfigError(_unknown_part(path, cad, line))
-    return recipe.model_copy(update={"part": part, "others": others, "cell": cell})
+    return recipe.model_copy(
+        update={"part": part, "others": others, "cell": cell, "inspection": inspection}
+    )
 
 
 def _united(part: Path, where: str) -> Path:

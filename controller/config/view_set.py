@@ -207,6 +207,7 @@ class ViewSetFile(Section):
     sample_count : number of samples of the surface, for `planned`
     accuracy : uncertainty of measurements with this camera
     calibration : calibrations of the cell that no longer counted when the pictures were taken
+    learned : file of what good parts look like, which decides on surfaces (default: none)
     """
 
     schema_: Literal["cellctl.views/1"] = Field(alias="schema")
@@ -221,6 +222,7 @@ class ViewSetFile(Section):
     sample_count: int | None = Field(None, ge=1)
     accuracy: AccuracySection = AccuracySection()
     calibration: SetCalibration = SetCalibration()
+    learned: Path | None = None
 
     @model_validator(mode="after")
     def _rings_have_a_radius(self) -> "ViewSetFile":
@@ -312,7 +314,10 @@ def parse_view_set(path: Path, text: str) -> ViewSetFile:
         )
         for view in found.views
     )
-    return found.model_copy(update={"part": path.parent / found.part, "views": views})
+    learned = found.learned and path.parent / found.learned
+    return found.model_copy(
+        update={"part": path.parent / found.part, "views": views, "learned": learned}
+    )
 
 
 def _tree(path: Path, text: str) -> dict[str, Any]:

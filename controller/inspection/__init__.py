@@ -22,7 +22,8 @@ from ._types import (
 )
 from .detection import KINDS, Detection, least_mm
 from .kept import Kept, Same
-from .lit import MIN_WIDTH_PX
+from .learning import GoodPart, Lesson, TooFewPartsError, Tried, learn
+from .lit import MIN_WIDTH_PX, Appearance, LearnedPicture, LearnedView
 from .part import (
     HeldView,
     PartFinding,
@@ -41,14 +42,19 @@ __all__ = [
     "MIN_WIDTH_PX",
     "OUTLINE",
     "PLANNED_HOLD",
+    "Appearance",
     "Check",
     "Detection",
     "FaceVerdict",
     "Finding",
     "FindingKind",
+    "GoodPart",
     "HeldView",
     "InspectionLimits",
     "Kept",
+    "LearnedPicture",
+    "LearnedView",
+    "Lesson",
     "LocatedView",
     "PartFinding",
     "PartInspection",
@@ -56,6 +62,8 @@ __all__ = [
     "PartVerdict",
     "PosedPart",
     "Same",
+    "TooFewPartsError",
+    "Tried",
     "Unjudged",
     "Verdict",
     "ViewOff",
@@ -70,6 +78,7 @@ __all__ = [
     "inspect_part",
     "inspect_view",
     "judge",
+    "learn",
     "least_mm",
     "locate_view",
     "make_scene",

@@ -6,9 +6,8 @@ in it all that differs from one good part to the next, the errors of the poses t
 shows a defect against the others is named, and left out.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Final
 
 import cv2
@@ -20,6 +19,7 @@ from controller.imaging import inverse_pose, rotation_angle, transform
 from ._gathered import PlacedFinding, gather
 from ._judge import confirm
 from ._types import Verdict, ViewResult
+from .grasp_pose import PoseSettings
 from .kept import Kept
 from .lit import (
     COARSE,
@@ -35,7 +35,6 @@ from .lit import (
     unusual,
 )
 from .part import HeldView, PosedViews, ViewSet, pose_views
-from .grasp_pose import PoseSettings
 from .view import lit_of_view
 
 MIN_PARTS: Final = 5  # with fewer, one defective part is not told from the others
@@ -131,9 +130,9 @@ def learn(
     left_out: list[Tried] = []
     while True:
         if len(left) < MIN_PARTS:
-            odd = "".join(f"; {one.name} differs from the others" for one in left_out)
+            named = "".join(f"; {one.name} differs from the others" for one in left_out)
             raise TooFewPartsError(
-                f"{len(left)} good parts, {MIN_PARTS} are needed to tell what is usual{odd}"
+                f"{len(left)} good parts, {MIN_PARTS} are needed to tell what is usual{named}"
             )
         lesson = _Lesson(left, [posed[part.name] for part in left], told).lesson()
         odd = [one for one in lesson.tried if one.odd]
@@ -267,7 +266,7 @@ def _alike(shown: Iterator[_Shown], middle: FloatArray) -> list[list[_Shown]]:
     """Return the views that show a part alike, part by part, each in the group of its nearest."""
     groups: list[list[_Shown]] = []
     for one in shown:
-        near = []
+        near: list[tuple[float, int, list[_Shown]]] = []
         for group in groups:
             mm, rad = _between(group[0], one, middle)
             off = max(mm / ALIKE_MM, rad / ALIKE_RAD)
@@ -282,9 +281,7 @@ def _alike(shown: Iterator[_Shown], middle: FloatArray) -> list[list[_Shown]]:
 
 def _between(one: _Shown, other: _Shown, middle: FloatArray) -> tuple[float, float]:
     """Return the distance [mm] and the turn [rad] between two poses, each before its camera."""
-    a, b = (
-        inverse_pose(s.view.task.camera.T_world_cam) @ s.T_world_part for s in (one, other)
-    )
+    a, b = (inverse_pose(s.view.task.camera.T_world_cam) @ s.T_world_part for s in (one, other))
     mm = np.linalg.norm(transform(a, middle[None]) - transform(b, middle[None]))
     return float(mm), rotation_angle(a[:3, :3] @ b[:3, :3].T)
 
@@ -339,14 +336,13 @@ class _Found:
     others: list[Float32Array]
 
 
-def _learned(
-    base: LearnedView, own: LitPictures, lits: Sequence[LitPictures], lamp: str
-) -> _Found:
+def _learned(base: LearnedView, own: LitPictures, lits: Sequence[LitPictures], lamp: str) -> _Found:
     """Return the appearance of parts under a lamp, on the grid of one of them.
 
     How far a part is from the others is found on its own grid, as a part is judged later.
     """
-    ratios = [np.where(good, r, np.float32("nan")) for r, good in (l.ratio(lamp) for l in lits)]
+    told_by = [lit.ratio(lamp) for lit in lits]
+    ratios = [np.where(good, r, np.float32("nan")) for r, good in told_by]
     stack = np.stack(
         [_regridded(base, own, lit, [r])[0] for lit, r in zip(lits, ratios, strict=True)]
     )
@@ -362,7 +358,7 @@ def _learned(
         mask = np.isfinite(there) & np.isfinite(mine)
         found = np.abs(filtered(contrast(mine, there, mask), mask))
         found[:, ~mask] = np.nan
-        answered.append(_regridded(base, own, lit, found))
+        answered.append(_regridded(base, own, lit, list(found)))
     every = np.stack(answered)
     told = np.isfinite(every[:, 0]).sum(axis=0) >= len(every) - 1
     scatter = _pooled(_scatter(every, told), told)
@@ -398,7 +394,8 @@ def _scatter(every: Float32Array, told: BoolArray) -> Float32Array:
     for part in near:
         for one in part:
             one[:] = cv2.dilate(one, kernel)
-    return np.where(told, np.partition(near, -2, axis=0)[-2], np.float32("nan"))
+    second: Float32Array = np.partition(near, -2, axis=0)[-2]
+    return np.where(told, second, np.float32("nan"))
 
 
 def _pooled(scale: Float32Array, shown: BoolArray) -> Float32Array:

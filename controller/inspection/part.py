@@ -217,9 +217,7 @@ def work_ahead(
         yield
     posed = pose_views(views, settings.pose, kept)
     yield
-    strictness = Strictness(
-        settings.allowances, settings.pose, view_count, settings.appearance
-    )
+    strictness = Strictness(settings.allowances, settings.pose, view_count, settings.appearance)
     for view in views.views:
         _result(views, view, posed, strictness, kept)
         yield

@@ -319,9 +319,7 @@ def _compare(
         return _not_evaluated(task, samples, stand.reason)
     limits = task.limits
     outline = _outline(part, samples, task, seen.backlit, pose, fit, strictness)
-    view = _View(
-        part, samples, task, pictures, seen.scene, sharp, outline, strictness.appearance
-    )
+    view = _View(part, samples, task, pictures, seen.scene, sharp, outline, strictness.appearance)
     best = view.compare_at(fit)
     if not any(f.kind.is_lit for f in best.findings):
         return best
@@ -404,7 +402,9 @@ class _View:
         findings: list[Finding] = list(self.outline.findings)
         checks: list[Check] = [self.outline.check]
         codes: list[NDArray[np.uint8]] = []
-        learned = self.appearance and self.appearance.view(task.camera, fit.T_world_part)
+        learned = None
+        if self.appearance is not None:
+            learned = self.appearance.view(task.camera, fit.T_world_part)
         for lamp in task.lamps:
             check, differing, code = shading.check(lamp.name, learned)
             checks.append(check)

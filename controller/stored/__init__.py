@@ -4,14 +4,27 @@
 inspected by a recipe, `lines.py` turns the results into JSON. Nothing here knows a device.
 """
 
-from .judging import Judging, compiled_part, judge_ahead, judge_views, read_pictures
+from .judging import (
+    Judging,
+    cad_sha256,
+    compiled_part,
+    judge_ahead,
+    judge_views,
+    learned_for,
+    read_pictures,
+)
+from .learned_file import AcceptedPart, Learned, LearnedHeader, read_learned, write_learned
 from .lines import face_lines, in_unit, json_lines, lines_digest
 from .view_set import build_pose, build_view_set, grasp_numbers, repeated_sets
 
 __all__ = [
+    "AcceptedPart",
     "Judging",
+    "Learned",
+    "LearnedHeader",
     "build_pose",
     "build_view_set",
+    "cad_sha256",
     "compiled_part",
     "face_lines",
     "grasp_numbers",
@@ -19,7 +32,10 @@ __all__ = [
     "json_lines",
     "judge_ahead",
     "judge_views",
+    "learned_for",
     "lines_digest",
+    "read_learned",
     "read_pictures",
     "repeated_sets",
+    "write_learned",
 ]

@@ -1,17 +1,20 @@
 """Inspection of the part in a set of views, under a recipe."""
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Final
 
 from controller.arrays import BoolArray, Grey
 from controller.cad.compiled import CompiledPart, load_part, options_among
 from controller.config import ConfigError, Recipe, split_cad
+from controller.config.files import read_bytes
 from controller.config.view_set import ViewSetFile
 from controller.imaging import transform
 from controller.inspection import (
+    OUTLINE,
     HeldView,
     InspectionLimits,
     Kept,
@@ -33,6 +36,7 @@ from controller.setup.faces import faces_left_out
 from controller.setup.samples import sampled_for
 
 from .as_calibrated import as_calibrated
+from .learned_file import Learned, read_learned
 from .pictures import read_grey
 from .view_set import (
     Pictures,
@@ -41,6 +45,8 @@ from .view_set import (
 )
 
 MAX_PROBLEM_COUNT: Final = 10  # wrong pictures named at once
+MAX_NAMED: Final = 6  # pictures that a sentence names
+MAX_CAD_BYTES: Final = 2**30
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +58,13 @@ class Judging:
     recipe : with the limits; None for a recipe's defaults
     path : the file that has the recipe, for messages
     set_path : the set, for messages
+    learned : file of what good parts look like; None for none
     """
 
     recipe: Recipe | None
     path: Path
     set_path: Path
+    learned: Path | None = None
 
 
 def compiled_part(set_path: Path, file: ViewSetFile) -> CompiledPart:
@@ -136,7 +144,73 @@ def judge_views(
     kept = kept or Kept()
     views, characteristics, settings = _asked(file, part, pictures, judging, kept)
     found = inspect_part(views, characteristics, settings, kept)
+    if judging.learned is not None:
+        found = replace(found, reasons=(*found.reasons, _by_learned(found, judging.learned)))
     return as_calibrated(found, file.calibration, judging.recipe)
+
+
+def _by_learned(found: PartInspection, path: Path) -> str:
+    """Return in how many pictures good parts decided, and where not, in words."""
+    checks = [
+        (view.view_id, check)
+        for view in found.views
+        for check in view.checks
+        if check.name != OUTLINE and not check.reason
+    ]
+    without = [f"{view_id}/{check.name}" for view_id, check in checks if not check.learned_from]
+    words = (
+        f"{learned_for(path).sentence}: it decided on surfaces in "
+        f"{len(checks) - len(without)} of {len(checks)} lit pictures"
+    )
+    if without:
+        more = f" and {len(without) - MAX_NAMED} more" if len(without) > MAX_NAMED else ""
+        words += f"; not in {', '.join(without[:MAX_NAMED])}{more}, which differ from all learned"
+    return words
+
+
+def learned_for(path: Path, cad: Path | None = None) -> Learned:
+    """Return what good parts look like, from a cache.
+
+    Parameters
+    ----------
+    path : its file
+    cad : CAD file of the part that will be judged by it; None if that is known to fit
+
+    Raises
+    ------
+    ConfigError : there is no such file, it is damaged, or it was learned from another CAD file
+    """
+    try:
+        state = path.stat()
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}; `cellctl learn` writes this file") from error
+    learned = _read_once(path, state.st_mtime_ns, state.st_size)
+    if cad is not None and cad_sha256(cad) != learned.header.cad_sha256:
+        raise ConfigError(
+            f"{path}: was learned from another CAD file of {learned.header.part} than {cad}; learn "
+            "from parts that were judged with this one"
+        )
+    return learned
+
+
+@lru_cache(maxsize=4)
+def _read_once(path: Path, time_ns: int, size: int) -> Learned:
+    return read_learned(path)
+
+
+def cad_sha256(cad: Path) -> str:
+    """Return the hash of a CAD file.
+
+    Parameters
+    ----------
+    cad : as a recipe names it
+
+    Raises
+    ------
+    ConfigError : it cannot be read
+    """
+    data = read_bytes(split_cad(cad).file, MAX_CAD_BYTES, "a CAD file")
+    return hashlib.sha256(data).hexdigest()
 
 
 def judge_ahead(
@@ -202,6 +276,9 @@ def _settings(
         planned=planned,
         measuring=measuring_settings(file.accuracy),
     )
+    if judging.learned is not None:
+        learned = learned_for(judging.learned, file.part)
+        settings = replace(settings, appearance=learned.appearance)
     if judging.recipe is None:
         return settings
     return replace(

@@ -159,6 +159,8 @@ def _inputs(order: RunOrder) -> Iterator[tuple[Path, Path]]:
         cad = files_of(one.recipe.part)
         yield from ((inputs_of(number) / file.relative_to(cad[0].parent), file) for file in cad)
         yield inputs_of(number) / RECIPE_COPY, one.path
+        if (learned := one.recipe.inspection.learned) is not None:
+            yield inputs_of(number) / learned.name, learned
     yield inputs_of(0) / "cell.yaml", order.cell_path
     for name, path in _calibrations(order):
         yield inputs_of(0) / f"calibration-{name}.json", path

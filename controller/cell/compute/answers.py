@@ -560,7 +560,7 @@ def judge_ahead(job: Job, set_path: Path, text: str, view_count: int) -> bool:
     ConfigError : a picture that was stored cannot be read again
     """
     file = _parsed(set_path, text)
-    judging = Judging(file.recipe, set_path, set_path)
+    judging = Judging(file.recipe, set_path, set_path, file.learned)
     return stored_ahead(file, context(job).part, judging, _kept(set_path), view_count)
 
 
@@ -580,7 +580,7 @@ def judge(job: Job, set_path: Path) -> inspecting.PartInspection:
     _kept.cache_clear()
     _parsed.cache_clear()
     pictures = read_pictures(set_path, file, kept)
-    judging = Judging(file.recipe, set_path, set_path)
+    judging = Judging(file.recipe, set_path, set_path, file.learned)
     return judge_views(file, context(job).part, pictures, judging, kept)
 
 

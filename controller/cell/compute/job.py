@@ -28,6 +28,7 @@ from controller.setup.faces import faces_left_out
 from controller.setup.optics import table_corners
 from controller.setup.planner import PlannerSetup, planner_setup
 from controller.setup.samples import sampled_for
+from controller.stored import learned_for
 
 MAX_RECIPE_COUNT: Final = 16  # recipes of a batch; a worker keeps the parts of all of them
 
@@ -110,6 +111,8 @@ def context(job: Job) -> Context:
     cell = load_cell(job.cell_path)
     own, *_ = part_files(recipe)
     part = load_part(*own)
+    if (learned := recipe.inspection.learned) is not None:
+        learned_for(learned, recipe.part)  # that it fits is known before anything moves
     files, wanted = _known_parts(job, recipe)
     setup = planner_setup(recipe, cell, part)
     layout = setup.layout

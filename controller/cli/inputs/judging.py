@@ -14,7 +14,9 @@ from ..terminal.output import warn
 MAX_CAD_BYTES: Final = 2**30
 
 
-def judging_of(set_path: Path, file: ViewSetFile, recipe_path: Path | None) -> Judging:
+def judging_of(
+    set_path: Path, file: ViewSetFile, recipe_path: Path | None, learned: Path | None = None
+) -> Judging:
     """Return the recipe that judges a set: the one named, else the set's own.
 
     Parameters
@@ -22,13 +24,14 @@ def judging_of(set_path: Path, file: ViewSetFile, recipe_path: Path | None) -> J
     set_path : the set
     file : its content
     recipe_path : a recipe file, or the name of a recipe that comes with cellctl
+    learned : file of what good parts look like; None for the recipe's
 
     Raises
     ------
     ConfigError : the recipe is wrong, or for another part
     """
     if recipe_path is None:
-        return Judging(file.recipe, set_path, set_path)
+        return Judging(file.recipe, set_path, set_path, learned or file.learned)
     path = find_recipe(recipe_path)
     recipe = load_recipe(path)
     if part_name(recipe.part) != part_name(file.part):
@@ -42,4 +45,4 @@ def judging_of(set_path: Path, file: ViewSetFile, recipe_path: Path | None) -> J
     )
     if own != other:
         warn(f"{path}: its CAD file differs from {file.part}; the part is judged by the latter")
-    return Judging(recipe, path, set_path)
+    return Judging(recipe, path, set_path, learned or recipe.inspection.learned)

@@ -27,6 +27,14 @@ def inspect(
     report: Annotated[
         Path | None, typer.Option("--report", metavar="FILE", help="report to write (HTML)")
     ] = None,
+    learned: Annotated[
+        Path | None,
+        typer.Option(
+            "--learned",
+            metavar="FILE",
+            help="what good parts look like, as `cellctl learn` writes it (default: the recipe's)",
+        ),
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Judge stored pictures of one part, without any device.
@@ -36,7 +44,7 @@ def inspect(
     with loading():
         from .stored_views import inspect_set
 
-    raise typer.Exit(inspect_set(views, recipe, report, as_json=json))
+    raise typer.Exit(inspect_set(views, recipe, report, learned, as_json=json))
 
 
 RunArg = Annotated[

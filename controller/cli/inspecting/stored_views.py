@@ -28,7 +28,12 @@ from .tables import print_part
 
 
 def inspect_set(
-    set_path: Path, recipe_path: Path | None, report: Path | None, *, as_json: bool
+    set_path: Path,
+    recipe_path: Path | None,
+    report: Path | None,
+    learned: Path | None = None,
+    *,
+    as_json: bool,
 ) -> int:
     """Judge stored pictures of one part.
 
@@ -37,6 +42,7 @@ def inspect_set(
     set_path : the set of views
     recipe_path : with the limits, None for the set's, or a recipe's defaults
     report : file to write, None for none
+    learned : file of what good parts look like, None for the recipe's
     as_json : print JSON lines instead of a table
 
     Returns
@@ -47,7 +53,7 @@ def inspect_set(
     if report is not None:
         _check_report(report)
     file = load_view_set(set_path)
-    judging = judging_of(set_path, file, recipe_path)
+    judging = judging_of(set_path, file, recipe_path, learned)
     pictures = read_pictures(set_path, file)
     part = compiled_part(set_path, file)
     found = judge_views(file, part, pictures, judging)

@@ -125,7 +125,7 @@ def ratio(observed: Float32Array, brightness: Brightness) -> Float32Array:
 def on_grid(
     view: LearnedView, surface: Surface, T_world_part: FloatArray
 ) -> tuple[Float32Array, Float32Array, BoolArray]:
-    """Return where a view's grid has the nodes of another picture: columns, rows, and a mask (h, w).
+    """Return columns, rows and a mask (h, w): where a view's grid has another picture's nodes.
 
     Parameters
     ----------
@@ -180,12 +180,9 @@ def known_at(
     mean = regridded(picture.mean, columns, rows, near)
     mask = np.isfinite(mean)
     u, v = columns / COARSE, rows / COARSE
-    scatter = np.stack(
-        [
-            cv2.remap(one, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            for one in picture.scatter
-        ]
-    )
+    scatter = np.empty((len(picture.scatter), *mask.shape), dtype=np.float32)
+    for one, target in zip(picture.scatter, scatter, strict=True):
+        target[:] = cv2.remap(one, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return Known(mask, np.where(mask, mean, np.float32(0)), scatter, picture.usual)
 
 

@@ -407,22 +407,15 @@ class LitPictures:
             self._fit.T_world_part, (x0, y0), areas, limits.min_area_mm2,
         )  # fmt: skip
 
-    def _averaged(self, lamp_name: str) -> Float32Array:
-        """Return a lamp's picture as the mean of each node's pixels (h, w) [grey]."""
-        x0, y0, x1, y1 = self._fit.maps.roi
-        window = self._pictures[lamp_name][y0:y1, x0:x1].astype(np.float32)
-        even = cv2.copyMakeBorder(window, 0, -window.shape[0] % 2, 0, -window.shape[1] % 2,
-                                  cv2.BORDER_REPLICATE)  # fmt: skip
-        shape = self._surface.seen.shape
-        return np.asarray(cv2.resize(even, shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
-
     def _texture(
         self, lit: "_LitPicture", brightness: Brightness, learned: LearnedView | None
     ) -> tuple[Texture, Float32Array, Float32Array, Known | None]:
         """Return the texture under a lamp, the camera's noise, bounced light, and good parts."""
         x0, y0, x1, y1 = self._fit.maps.roi
-        known = learned and known_at(learned, lit.name, self._surface, self._fit.T_world_part)
-        bounced = np.zeros(self._surface.seen.shape, dtype=np.float32)
+        known = None
+        if learned is not None:
+            known = known_at(learned, lit.name, self._surface, self._fit.T_world_part)
+        bounced: Float32Array = np.zeros(self._surface.seen.shape, dtype=np.float32)
         if known is not None:
             ratios, good = self.ratio(lit.name)
             grey = self._expected_grey(lit.name, known.mean)
@@ -432,7 +425,7 @@ class LitPictures:
             texture = self._own_texture(lit, brightness)
             uneven = lit.light.bounced.uneven + brightness.gloss * lit.light.bounced.mirrored_uneven
             uneven = np.asarray(uneven / np.maximum(lit.light.least, LIT), np.float32)
-            bounced = BOUNCED * np.where(self._surface.seen, uneven, np.float32(0))
+            bounced = np.where(self._surface.seen, np.float32(BOUNCED) * uneven, np.float32(0))
         window = lit.picture[y0:y1, x0:x1].astype(np.float32)
         grey_noise = max(picture_noise(window), MIN_NOISE_GREY) / STEP_PX
         noise = np.asarray(grey_noise / np.maximum(texture.smooth, 1.0), np.float32)

@@ -109,6 +109,7 @@ class PartFile:
             for name, lamp in self.cell.lamps.items()
             if name != TABLE_PANEL
         }
+        learned = product.recipe.inspection.learned
         by_id = {shown.view: self._view(shown, number, part) for shown, number in judged}
         return ViewSetFile(
             schema=SCHEMA,
@@ -122,6 +123,7 @@ class PartFile:
             sample_count=len(masks[0]) if masks else None,
             accuracy=self.cell.accuracy,
             calibration=self.calibration,
+            learned=None if learned is None else product.inputs / learned.name,
         )
 
     def _view(self, shown: Shown, number: int, part: PartRecord) -> SetView:
