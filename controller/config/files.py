@@ -230,26 +230,31 @@ def reason_of(error: Exception) -> str:
     return told or str(error)
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all.
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file, whole or not at all.
 
     Parameters
     ----------
     path : the file; its folder is made if it is not there
-    text : all of it
+    content : all of it
 
     Raises
     ------
     ConfigError : it cannot be written; what was there before still is
     """
+    # a file name in a text may have bytes that are no text
+    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as draft:
-            # a file name in it may have bytes that are no text
-            draft.write(text.encode(errors="backslashreplace"))
-            draft.flush()
-            os.fsync(draft.fileno())
-        Path(draft.name).chmod(0o644)
-        Path(draft.name).replace(path)
+            try:
+                draft.write(data)
+                draft.flush()
+                os.fsync(draft.fileno())
+                Path(draft.name).chmod(0o644)
+                Path(draft.name).replace(path)
+            except OSError:
+                Path(draft.name).unlink(missing_ok=True)
+                raise
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {reason_of(error)}") from error

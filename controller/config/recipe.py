@@ -219,7 +219,7 @@ def _united(part: Path, where: str) -> Path:
 
 def _inside(recipe: Path, name: Path, where: str, location: tuple[int | str, ...]) -> Path:
     """Return a file that a recipe names; raise ConfigError if it is outside its folder."""
-    file, key = recipe.parent / name, location[0]
+    file, key = recipe.parent / name, ".".join(one for one in location if isinstance(one, str))
     try:
         is_inside = split_cad(file).file.resolve().is_relative_to(recipe.parent.resolve())
     except (OSError, RuntimeError, ValueError) as error:  # not a file name, or links in a circle

@@ -22,7 +22,7 @@ from ._types import (
 )
 from .detection import KINDS, Detection, least_mm
 from .kept import Kept, Same
-from .learning import GoodPart, Lesson, TooFewPartsError, Tried, learn
+from .learning import MIN_PARTS, GoodPart, Lesson, TooFewPartsError, Tried, learn, require_usable
 from .lit import MIN_WIDTH_PX, Appearance, LearnedPicture, LearnedView
 from .part import (
     HeldView,
@@ -39,6 +39,7 @@ from .view import LocatedView, inspect_view, locate_view
 __all__ = [
     "KINDS",
     "MEASURED_HOLD",
+    "MIN_PARTS",
     "MIN_WIDTH_PX",
     "OUTLINE",
     "PLANNED_HOLD",
@@ -82,5 +83,6 @@ __all__ = [
     "least_mm",
     "locate_view",
     "make_scene",
+    "require_usable",
     "work_ahead",
 ]

@@ -276,7 +276,19 @@ def confirm(
     limits: InspectionLimits,
     find_mm: Mapping[str, float],
 ) -> list[tuple[str, Finding, Verdict]]:
-    """Return findings that decide, or that one error could explain; without the refuted."""
+    """Return findings that decide, or that one error could explain; without the refuted.
+
+    Parameters
+    ----------
+    views : evaluated ones
+    samples : of the surface
+    limits : of a difference
+    find_mm : by kind of defect the size asked for
+
+    Returns
+    -------
+    view, finding and verdict of each
+    """
     every = [(view, f) for view in views for f in view.findings]
     seconds = every + [(view, f) for view in views for f in view.hints]
     dirt = {id(f) for view, f in seconds if _is_on_lens(view, f, seconds)}

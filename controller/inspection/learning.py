@@ -23,6 +23,7 @@ from .grasp_pose import PoseSettings
 from .kept import Kept
 from .lit import (
     COARSE,
+    FILTER_COUNT,
     STEP_PX,
     Appearance,
     LearnedPicture,
@@ -42,7 +43,7 @@ MIN_PARTS: Final = 5  # with fewer, one defective part is not told from the othe
 ALIKE_MM: Final = 3.0
 ALIKE_RAD: Final = float(np.radians(3.0))
 NEAR_NODES: Final = 5  # window of nodes whose largest answer counts
-LEAST_SCATTER: Final = 1e-3  # of an answer: below the noise of any camera
+MIN_SCATTER: Final = 1e-3  # of an answer: below the noise of any camera
 
 
 class TooFewPartsError(Exception):
@@ -126,7 +127,7 @@ def learn(
     """
     settings = settings or PoseSettings()
     left: list[GoodPart] = list(parts)
-    posed = {part.name: pose_views(part.views, settings, Kept()) for part in parts}
+    posed: dict[str, PosedViews] = {}
     left_out: list[Tried] = []
     while True:
         if len(left) < MIN_PARTS:
@@ -134,6 +135,7 @@ def learn(
             raise TooFewPartsError(
                 f"{len(left)} good parts, {MIN_PARTS} are needed to tell what is usual{named}"
             )
+        posed = posed or {one.name: pose_views(one.views, settings, Kept()) for one in left}
         lesson = _Lesson(left, [posed[part.name] for part in left], told).lesson()
         odd = [one for one in lesson.tried if one.odd]
         if not odd:
@@ -143,6 +145,34 @@ def learn(
         told(f"{worst.name} differs from the others and is left out")
         left_out.append(worst)
         left = [part for part in left if part.name != worst.name]
+
+
+def require_usable(view: LearnedView) -> None:
+    """Require that a learned view from outside is what `learn` makes, so that pictures fit it.
+
+    Parameters
+    ----------
+    view : of a file
+
+    Raises
+    ------
+    ValueError : its grid is another or not in the picture, or its arrays do not belong together
+    """
+    shape = view.depth_mm.shape
+    if view.step_px != STEP_PX:
+        raise ValueError(f"its nodes are {view.step_px} px apart, here they are {STEP_PX} px apart")
+    if len(shape) != 2 or not (np.isfinite(view.depth_mm).all() and (view.depth_mm >= 0).all()):
+        raise ValueError("its depths are no map of distances")
+    ends = np.add(view.corner_px, STEP_PX * (np.array(shape[::-1]) - 1))
+    if min(view.corner_px) < 0 or (ends >= view.camera.size_px).any():
+        raise ValueError("its grid is not in the picture")
+    coarse = (FILTER_COUNT, *(-(-length // COARSE) for length in shape))
+    for lamp, picture in view.pictures.items():
+        if picture.mean.shape != shape or picture.scatter.shape != coarse:
+            raise ValueError(f"the arrays of {lamp} have other sizes than its grid")
+        is_told = np.isfinite(picture.scatter).all() and (picture.scatter > 0).all()
+        if np.isinf(picture.mean).any() or not is_told:
+            raise ValueError(f"the arrays of {lamp} have values that cannot be")
 
 
 class _Lesson:
@@ -411,4 +441,5 @@ def _pooled(scale: Float32Array, shown: BoolArray) -> Float32Array:
     known = np.pad(np.where(shown, scale, np.float32(0)), pad)
     count, rows, columns = known.shape
     cells = known.reshape(count, rows // COARSE, COARSE, columns // COARSE, COARSE)
-    return np.maximum(np.sqrt((cells**2).mean(axis=(2, 4))), LEAST_SCATTER).astype(np.float32)
+    scatter = np.sqrt((cells**2).mean(axis=(2, 4)))
+    return np.asarray(np.maximum(scatter, MIN_SCATTER), np.float32)

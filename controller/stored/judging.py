@@ -9,7 +9,9 @@ from typing import Final
 
 from controller.arrays import BoolArray, Grey
 from controller.cad.compiled import CompiledPart, load_part, options_among
+from controller.cad.reading import digests_of
 from controller.config import ConfigError, Recipe, split_cad
+from controller.config.cad_files import cad_identity
 from controller.config.files import read_bytes
 from controller.config.view_set import ViewSetFile
 from controller.imaging import transform
@@ -187,8 +189,8 @@ def learned_for(path: Path, cad: Path | None = None) -> Learned:
     learned = _read_once(path, state.st_mtime_ns, state.st_size)
     if cad is not None and cad_sha256(cad) != learned.header.cad_sha256:
         raise ConfigError(
-            f"{path}: was learned from another CAD file of {learned.header.part} than {cad}; learn "
-            "from parts that were judged with this one"
+            f"{path}: was learned with another CAD model ({learned.header.part}) than {cad}; learn "
+            "again with `cellctl learn` from parts that were judged with this one"
         )
     return learned
 
@@ -199,7 +201,7 @@ def _read_once(path: Path, time_ns: int, size: int) -> Learned:
 
 
 def cad_sha256(cad: Path) -> str:
-    """Return the hash of a CAD file.
+    """Return the hash of a CAD file and of those that it names, with the body's name if it has one.
 
     Parameters
     ----------
@@ -209,8 +211,11 @@ def cad_sha256(cad: Path) -> str:
     ------
     ConfigError : it cannot be read
     """
-    data = read_bytes(split_cad(cad).file, MAX_CAD_BYTES, "a CAD file")
-    return hashlib.sha256(data).hexdigest()
+    source = split_cad(cad)
+    first = hashlib.sha256(read_bytes(source.file, MAX_CAD_BYTES, "a CAD file")).hexdigest()
+    own, *others = digests_of(cad)
+    digest = hashlib.sha256("".join([own, *others]).encode()).hexdigest() if others else first
+    return cad_identity(source.name, digest)
 
 
 def judge_ahead(

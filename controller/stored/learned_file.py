@@ -3,42 +3,49 @@
 Form `cellctl.learned/1` (docs/learning.md). Nothing in it is run as code.
 """
 
-import json
+import io
+import tokenize
 import zipfile
-from collections.abc import Mapping
+import zlib
 from dataclasses import dataclass
 from datetime import datetime
+from math import prod
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError
 
 from controller.arrays import Float32Array, FloatArray
 from controller.config import ConfigError
+from controller.config.files import parse_json, read_bytes, write_whole
 from controller.config.view_set import PoseRows, SetCamera
-from controller.inspection import Appearance, LearnedPicture, LearnedView
+from controller.config.yaml_models import Section
+from controller.inspection import Appearance, LearnedPicture, LearnedView, require_usable
 
 from .view_set import build_camera
 
 SCHEMA: Final = "cellctl.learned/1"
 HEADER: Final = "header"
-MAX_FILE_BYTES: Final = 2**30  # a view under two lamps takes 1 MB
-MAX_ARRAY_BYTES: Final = 2**29  # of one array: a view takes a hundredth
+MAX_FILE_BYTES: Final = 2**28  # a view under two lamps takes 1 MB
+MAX_ARRAYS_BYTES: Final = 2**30  # of all arrays as they are in memory
 HOW: Final = "`cellctl learn` writes such a file"
+# What a damaged archive makes the readers of zip, npy and dtypes raise.
+DAMAGED: Final = (
+    *(ValueError, KeyError, EOFError, RuntimeError, SyntaxError, tokenize.TokenError),
+    *(zipfile.BadZipFile, zlib.error, OSError, TypeError),
+)
+BY_VERDICT: Final = "the cell's PASS"  # in place of a person
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class AcceptedPart(_Strict):
+class AcceptedPart(Section):
     """A part that was learned from.
 
     Attributes
     ----------
     name : run and number, or file of its views
-    accepted_by : the person, or the verdict it passed with
+    accepted_by : the person, or `BY_VERDICT`; empty if it is not known
     accepted_at : when
     """
 
@@ -47,23 +54,23 @@ class AcceptedPart(_Strict):
     accepted_at: datetime | None = None
 
 
-class _Picture(_Strict):
+class _Picture(Section):
     lamp: str
     usual: Annotated[float, Field(gt=0)]
 
 
-class _View(_Strict):
+class _View(Section):
     camera: SetCamera
     T_world_part: PoseRows
     corner_px: tuple[int, int]
-    step_px: Annotated[int, Field(ge=1, le=16)]
+    step_px: Annotated[int, Field(ge=1)]
     reach_mm: Annotated[float, Field(ge=0)]
     reach_rad: Annotated[float, Field(ge=0)]
     parts: Annotated[int, Field(ge=1)]
     pictures: tuple[_Picture, ...]
 
 
-class LearnedHeader(_Strict):
+class LearnedHeader(Section):
     """Origin of a learned appearance.
 
     Attributes
@@ -86,7 +93,7 @@ class LearnedHeader(_Strict):
     p_part_mm: tuple[float, float, float]
     made: datetime
     software: str
-    parts: tuple[AcceptedPart, ...]
+    parts: Annotated[tuple[AcceptedPart, ...], Field(min_length=1)]
     left_out: tuple[AcceptedPart, ...] = ()
     compared: float
     in_sight: float
@@ -109,11 +116,12 @@ class Learned:
     @property
     def sentence(self) -> str:
         """Origin in words, for a report."""
-        people = sorted({one.accepted_by for one in self.header.parts if one.accepted_by})
-        by = f", accepted by {', '.join(people)}" if people else ""
+        by = {one.accepted_by for one in self.header.parts if one.accepted_by}
+        people = ", ".join(sorted(by - {BY_VERDICT}))
+        who = " and ".join(filter(None, (people, BY_VERDICT if BY_VERDICT in by else "")))
         return (
             f"appearance learned on {self.header.made:%Y-%m-%d} from {len(self.header.parts)} "
-            f"parts{by}"
+            f"parts{who and f', accepted by {who}'}"
         )
 
 
@@ -128,7 +136,7 @@ def write_learned(path: Path, appearance: Appearance, header: LearnedHeader) -> 
 
     Raises
     ------
-    OSError : the file cannot be written
+    ConfigError : the file cannot be written
     """
     arrays: dict[str, Any] = {}
     views = []
@@ -140,13 +148,9 @@ def write_learned(path: Path, appearance: Appearance, header: LearnedHeader) -> 
         views.append(_view(view))
     body = header.model_copy(update={"views": tuple(views)}).model_dump_json(by_alias=True)
     arrays[HEADER] = np.frombuffer(body.encode(), dtype=np.uint8)
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with partial.open("wb") as file:
-            np.savez_compressed(file, **arrays)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    archive = io.BytesIO()
+    np.savez_compressed(archive, **arrays)
+    write_whole(path, archive.getvalue())
 
 
 def _view(view: LearnedView) -> _View:
@@ -184,54 +188,90 @@ def read_learned(path: Path) -> Learned:
     ------
     ConfigError : there is none, or it is damaged, or of another form
     """
+    data = read_bytes(path, MAX_FILE_BYTES, "a file of learned parts")
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise ConfigError(f"{path}: is larger than {MAX_FILE_BYTES >> 20} MB; {HOW}")
-        with np.load(path, allow_pickle=False) as archive:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            _require_small(path, archive)
             return _learned(path, archive)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        if isinstance(error, ValidationError):
-            raise ConfigError(f"{path}: its header is of another form; {HOW}") from error
-        reason = getattr(error, "strerror", None) or "is no file of learned parts, or damaged"
-        raise ConfigError(f"{path}: {reason}; {HOW}") from error
+    except DAMAGED as error:
+        raise ConfigError(
+            f"{path}: is no file of learned parts, or damaged ({error!s:.80}); {HOW}"
+        ) from error
 
 
-def _learned(path: Path, archive: Mapping[str, Any]) -> Learned:
-    for info in archive.zip.infolist():  # type: ignore[attr-defined]  # numpy's NpzFile has it
-        if info.file_size > MAX_ARRAY_BYTES:
-            raise ConfigError(f"{path}: an array in it is too large; {HOW}")
-    text = bytes(archive[HEADER]).decode()
-    if json.loads(text).get("schema") != SCHEMA:
-        raise ConfigError(f'{path}: `schema`: "{SCHEMA}" is expected; {HOW}')
-    header = LearnedHeader.model_validate_json(text)
-    views = []
-    for number, view in enumerate(header.views):
-        depth = _array(archive, f"{number}.depth", 2)
-        pictures = {}
-        for one in view.pictures:
-            mean = _array(archive, f"{number}.{one.lamp}.mean", 2)
-            if mean.shape != depth.shape:
-                raise ValueError("arrays of different sizes")
-            scatter = _array(archive, f"{number}.{one.lamp}.scatter", 3)
-            pictures[one.lamp] = LearnedPicture(mean, scatter, one.usual)
-        views.append(
-            LearnedView(
-                build_camera(view.camera),
-                np.array(view.T_world_part),
-                view.corner_px,
-                view.step_px,
-                depth,
-                view.reach_mm,
-                view.reach_rad,
-                view.parts,
-                pictures,
-            )
+def _require_small(path: Path, archive: zipfile.ZipFile) -> None:
+    """Raise ConfigError if the arrays take too much memory; zipfile reads no more than they say."""
+    files = archive.infolist()
+    if sum(one.file_size for one in files) > MAX_ARRAYS_BYTES:
+        raise ConfigError(
+            f"{path}: its arrays have more than {MAX_ARRAYS_BYTES >> 20} MB, learned ones are "
+            f"smaller; {HOW}"
         )
-    return Learned(Appearance(tuple(views), np.array(header.p_part_mm)), header)
+    if any(one.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for one in files):
+        raise ValueError("a compression that numpy does not write")
 
 
-def _array(archive: Mapping[str, Any], name: str, dimensions: int) -> Float32Array:
-    found = np.asarray(archive[name], np.float32)
-    if found.ndim != dimensions:
-        raise ValueError(f"{name} has {found.ndim} dimensions")
+def _learned(path: Path, archive: zipfile.ZipFile) -> Learned:
+    text = _values(archive, HEADER, "u1").tobytes()
+    tree = parse_json(text, path, "a header of learned parts")
+    if not isinstance(tree, dict) or tree.get("schema") != SCHEMA:
+        raise ConfigError(f'{path}: `schema`: "{SCHEMA}" is expected; {HOW}')
+    try:
+        header = LearnedHeader.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"]))
+        raise ConfigError(f"{path}: `{key}` of its header: {first['msg']}; {HOW}") from error
+    views = tuple(_learned_view(archive, i, view) for i, view in enumerate(header.views))
+    return Learned(Appearance(views, np.array(header.p_part_mm)), header)
+
+
+def _learned_view(archive: zipfile.ZipFile, number: int, view: _View) -> LearnedView:
+    """Return one view; raise ValueError if its arrays do not belong together."""
+    found = LearnedView(
+        build_camera(view.camera),
+        np.array(view.T_world_part),
+        view.corner_px,
+        view.step_px,
+        _array(archive, f"{number}.depth", "f4"),
+        view.reach_mm,
+        view.reach_rad,
+        view.parts,
+        {
+            one.lamp: LearnedPicture(
+                _array(archive, f"{number}.{one.lamp}.mean", "f2"),
+                _array(archive, f"{number}.{one.lamp}.scatter", "f2"),
+                one.usual,
+            )
+            for one in view.pictures
+        },
+    )
+    require_usable(found)
     return found
+
+
+def _array(archive: zipfile.ZipFile, name: str, kind: str) -> Float32Array:
+    return np.asarray(_values(archive, name, kind), np.float32)
+
+
+def _values(archive: zipfile.ZipFile, name: str, kind: str) -> NDArray[Any]:
+    """Return an array of the archive; raise ValueError if it is of another kind or size.
+
+    Sizes are compared before memory is taken for them, which `numpy.load` does not do.
+
+    Parameters
+    ----------
+    archive : its file
+    name : of the array
+    kind : type of its values, as NumPy spells it
+    """
+    data = archive.read(f"{name}.npy")
+    stream = io.BytesIO(data)
+    if np.lib.format.read_magic(stream) != (1, 0):
+        raise ValueError(f"{name} is of another version")
+    shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+    at = stream.tell()
+    if dtype != np.dtype(kind) or prod(shape) * dtype.itemsize != len(data) - at:
+        raise ValueError(f"{name} is of another kind or size")
+    flat = np.frombuffer(data, dtype, offset=at)
+    return flat.reshape(shape, order="F" if is_fortran else "C")

@@ -432,6 +432,11 @@ UNSEEN = {
     "tray {}",
     "{} of {} checks failed",
     "{}, {} x {} px",
+    # how `cellctl learn` prints
+    "; {} differs from the others",
+    "view {}, {} parts",
+    "{} differs from the others and is left out",
+    "{}: shown alike by {} parts",
     "{}-{}-recover",
     "{}.json",
     # how an arm stands to its path: for the code alone

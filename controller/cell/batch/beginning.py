@@ -81,10 +81,12 @@ async def begin(
 def input_files(order: RunOrder) -> tuple[Path, ...]:
     """Return the paths of all files that a run is started with."""
     parts = [part for one in order.ordered for part in (one.recipe.part, *one.recipe.others)]
+    learned = [one.recipe.inspection.learned for one in order.ordered]
     return (
         order.recipe_path,
         order.cell_path,
         *dict.fromkeys(file for part in parts for file in files_of(part)),
+        *dict.fromkeys(one for one in learned if one is not None),
         *(path for _, path in _calibrations(order)),
         *(one.path for one in order.beside),
     )

@@ -16,7 +16,7 @@ def learn(
     ],
     sets: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="SET...", help="sets of views of good parts (JSON)"),
+        typer.Argument(metavar="SET", help="sets of views of good parts (JSON)"),
     ] = None,
     runs: Annotated[
         Path | None,

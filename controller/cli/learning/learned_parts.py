@@ -1,5 +1,6 @@
 """`cellctl learn`: read accepted parts, learn, print how each is judged by the others, write."""
 
+import os
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,9 +11,10 @@ from typing import Final
 from controller.cad import Solid
 from controller.cad.compiled import CompiledPart
 from controller.cell.journal import rows
-from controller.config import ConfigError, Recipe, find_recipe, load_recipe
-from controller.config.view_set import load_view_set
+from controller.config import ConfigError, Recipe, find_recipe, load_recipe, split_cad
+from controller.config.view_set import ViewSetFile, load_view_set
 from controller.inspection import (
+    MIN_PARTS,
     GoodPart,
     InspectionLimits,
     Lesson,
@@ -20,7 +22,7 @@ from controller.inspection import (
     Tried,
     learn,
 )
-from controller.results import RunRecord, list_runs, load_run
+from controller.results import RunRecord, list_runs, load_run, prove_run
 from controller.results.run import PartReport
 from controller.setup.software import installed_version
 from controller.stored import (
@@ -32,14 +34,13 @@ from controller.stored import (
     read_pictures,
     write_learned,
 )
-from controller.stored.learned_file import SCHEMA
+from controller.stored.learned_file import BY_VERDICT, SCHEMA
 
 from ..inputs.checks import check_writable_folder, require_files
 from ..terminal.output import emit, print_line, warn
 
 # Newest parts taken: the pictures of one take some 30 MB, and more parts hardly change a median.
 MAX_PARTS: Final = 24
-MACHINE: Final = "the cell (PASS)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +48,25 @@ class Source:
     """Views of an accepted part, with who accepted it."""
 
     path: Path
+    file: ViewSetFile
+    cad_sha256: str
     accepted: AcceptedPart
+
+    @classmethod
+    def of(cls, path: Path, accepted: AcceptedPart) -> "Source":
+        """Read the file of an accepted part's views.
+
+        Parameters
+        ----------
+        path : the file
+        accepted : the part
+
+        Raises
+        ------
+        ConfigError : it or its CAD file is wrong
+        """
+        file = load_view_set(path)
+        return cls(path, file, cad_sha256(file.part), accepted)
 
 
 def learn_parts(
@@ -74,22 +93,32 @@ def learn_parts(
 
     Raises
     ------
-    ConfigError : too few good parts, of different CAD files, or a file is wrong
+    ConfigError : too few good parts, of different CAD files, or a file is wrong, or the output
+        cannot be written
     """
+    if output.is_dir():
+        raise ConfigError(f"-o {output}: is a directory; name a file in it")
     check_writable_folder(output.parent, "-o in")
     recipe = None if recipe_path is None else load_recipe(find_recipe(recipe_path))
     wanted = None if recipe is None else cad_sha256(recipe.part)
-    sources = [Source(path, AcceptedPart(name=str(path))) for path in sets]
-    if runs is not None:
-        sources = list(_accepted(runs, wanted))
     began = time.monotonic()
+    sources = list(_named(sets) if runs is None else _accepted(runs, wanted))
+    if len(sources) < MIN_PARTS:
+        raise ConfigError(
+            f"nothing learned: {len(sources)} good parts{'' if runs is None else f' in {runs}'}, "
+            f"{MIN_PARTS} are needed to tell what is usual"
+        )
     parts, part, digest = _read(sources, recipe, wanted, as_json=as_json)
     try:
         lesson = learn(parts, told=lambda words: None if as_json else print_line(f"  {words}"))
     except TooFewPartsError as error:
         raise ConfigError(f"nothing learned: {error}") from error
-    header = _header(lesson, sources, part.solid, digest)
-    write_learned(output, lesson.appearance, header)
+    if not lesson.appearance.views:
+        raise ConfigError(
+            f"nothing learned: {MIN_PARTS} parts in the same view are needed; "
+            + "; ".join(lesson.unlearned)
+        )
+    write_learned(output, lesson.appearance, _header(lesson, sources, part.solid, digest))
     _print(lesson, part.solid, output, time.monotonic() - began, as_json=as_json)
     return 0
 
@@ -98,47 +127,68 @@ def _read(
     sources: Sequence[Source], recipe: Recipe | None, wanted: str | None, *, as_json: bool
 ) -> tuple[list[GoodPart], CompiledPart, str]:
     """Return the parts with their pictures, the CAD model, and the hash of its file."""
-    require_files([one.path for one in sources])
+    first = sources[0]
+    digest = wanted or first.cad_sha256
+    # its samples are counted in the same way for all, so that one model serves
+    part = compiled_part(first.path, first.file)
     parts: list[GoodPart] = []
-    part: CompiledPart | None = None
-    digest = wanted or ""
     for one in sources:
-        file = load_view_set(one.path)
-        own = cad_sha256(file.part)
-        digest = digest or own
-        if own != digest:
+        if (one.cad_sha256, one.file.unit) != (digest, first.file.unit):
             raise ConfigError(
-                f"{one.path}: the CAD file of its part differs from that of the parts before it; "
-                "one file is learned for one CAD file"
+                f"{one.path}: its part has another CAD file or unit than the recipe or the sets "
+                "before it; learn a file for each CAD file"
             )
-        # its samples are counted in the same way for all, so that one model serves
-        part = part or compiled_part(one.path, file)
-        judged_by = recipe or file.recipe
+        judged_by = recipe or one.file.recipe
         limits = InspectionLimits()
         if judged_by is not None:
             limits = InspectionLimits(smallest_defect_mm=judged_by.inspection.smallest_defect_mm)
         if not as_json:
             print_line(f"reading {one.accepted.name}")
-        views = build_view_set(file, part, read_pictures(one.path, file), limits)
+        views = build_view_set(one.file, part, read_pictures(one.path, one.file), limits)
         parts.append(GoodPart(one.accepted.name, views))
-    if part is None:
-        raise ConfigError("nothing learned: no accepted part was found")
     return parts, part, digest
 
 
+def _named(sets: Sequence[Path]) -> Iterator[Source]:
+    """Yield the sets that a person named; raise ConfigError if one is not there, or named twice."""
+    require_files(sets)
+    known: set[Path] = set()
+    for path in sets:
+        if path.resolve() in known:
+            raise ConfigError(f"{path}: is named twice; name a set of views of each good part once")
+        known.add(path.resolve())
+        yield Source.of(path, AcceptedPart(name=str(path)))
+
+
 def _accepted(runs: Path, wanted: str | None) -> Iterator[Source]:
-    """Yield the newest accepted parts of a folder of runs, newest first."""
+    """Yield the newest accepted parts of one CAD file in a folder of runs, newest first."""
     found = 0
     for summary in list_runs(runs):
         record = load_run(runs, summary.run_id)
-        for part in reversed(record.parts):
-            source = _source(record, part)
-            if source is None or found == MAX_PARTS:
+        if record.first_broken_row is not None:
+            raise ConfigError(
+                f"{runs}: the chain of hashes breaks at row {record.first_broken_row} of the "
+                "journal; who accepted a part is no longer known from it"
+            )
+        sources = [one for part in reversed(record.parts) if (one := _source(record, part))]
+        tampered = prove_run(runs, record.run_id).tampered if sources else ()
+        changed = {one.subject for one in tampered}
+        for source in sources:
+            pictures = [file for view in source.file.views for file in view.pictures.values()]
+            files = {
+                os.path.relpath(file, record.folder)
+                for file in (source.path, split_cad(source.file.part).file, *pictures)
+            }
+            wanted = wanted or source.cad_sha256
+            if source.cad_sha256 != wanted:
                 continue
-            wanted = wanted or cad_sha256(load_view_set(source.path).part)
-            if cad_sha256(load_view_set(source.path).part) == wanted:
-                found += 1
-                yield source
+            if files & changed or not all(file.is_file() for file in pictures):
+                warn(f"{source.accepted.name}: its pictures changed or are gone; it is left out")
+                continue
+            found += 1
+            yield source
+            if found == MAX_PARTS:
+                return
 
 
 def _source(record: RunRecord, part: PartReport) -> Source | None:
@@ -159,10 +209,14 @@ def _source(record: RunRecord, part: PartReport) -> Source | None:
             return None
         accepted = AcceptedPart(name=name, accepted_by=last.who, accepted_at=last.at)
     elif part.verdict.verdict == "pass":
-        accepted = AcceptedPart(name=name, accepted_by=MACHINE, accepted_at=part.end)
+        accepted = AcceptedPart(name=name, accepted_by=BY_VERDICT, accepted_at=part.end)
     else:
         return None
-    return Source(record.folder / inspected[-1].views, accepted)
+    try:
+        return Source.of(record.folder / inspected[-1].views, accepted)
+    except ConfigError as error:
+        warn(f"{name} is left out: {error}")
+        return None
 
 
 def _header(lesson: Lesson, sources: Sequence[Source], solid: Solid, digest: str) -> LearnedHeader:

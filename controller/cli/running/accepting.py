@@ -147,6 +147,8 @@ def recipe_of(left: Interrupted, folder: Path) -> Path:
     part = split_cad(Path(str(left.recipe.recipe.get("part", "")))).file
     inputs = folder / inputs_of(left.recipe_number)
     stored = {recipe: inputs / RECIPE_COPY, part: inputs / part.name}
+    if learned := (left.recipe.recipe.get("inspection") or {}).get("learned"):
+        stored[Path(learned)] = inputs / Path(learned).name
     for path in map(Path, began.files):  # what a STEP file of several files is made of
         if path.suffix.lower() in STEP_FORMATS and path.is_relative_to(part.parent):
             copy = inputs / path.relative_to(part.parent)

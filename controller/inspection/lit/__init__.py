@@ -12,6 +12,7 @@ from .learned import (
 )
 from .marks import (
     DISC,
+    FILTER_COUNT,
     FILTER_STEP,
     LINE_NODES,
     LINE_WIDTH,
@@ -25,6 +26,7 @@ __all__ = [
     "BURNT_GREY",
     "COARSE",
     "DISC",
+    "FILTER_COUNT",
     "FILTER_STEP",
     "LINE_NODES",
     "LINE_WIDTH",

@@ -23,8 +23,8 @@ DARK_GREY: Final = 3.0  # added before the logarithm: what is black may differ b
 DARKEST_GREY: Final = 6.0  # a surface darker than this shows nothing
 # Poses farther from the learned ones than these are, by this factor, are not served.
 BEYOND: Final = 1.5
-LEAST_MM: Final = 0.3  # of the arm: what one commanded pose comes to
-LEAST_RAD: Final = float(np.radians(0.4))
+MIN_REACH_MM: Final = 0.3  # of the arm: what one commanded pose comes to
+MIN_REACH_RAD: Final = float(np.radians(0.4))
 SAME_DEPTH_MM: Final = 0.5  # farther behind or before the learned surface is another surface
 # Picture noisier than the noisiest learned one by this factor: another finish, lamp or focus.
 OTHER_FINISH: Final = 1.6
@@ -87,8 +87,8 @@ class LearnedView:
         mm = float(np.linalg.norm(transform(T, p_part_mm[None]) - transform(own, p_part_mm[None])))
         rad = rotation_angle(T[:3, :3] @ own[:3, :3].T)
         return max(
-            mm / max(BEYOND * self.reach_mm, LEAST_MM),
-            rad / max(BEYOND * self.reach_rad, LEAST_RAD),
+            mm / max(BEYOND * self.reach_mm, MIN_REACH_MM),
+            rad / max(BEYOND * self.reach_rad, MIN_REACH_RAD),
         )
 
 

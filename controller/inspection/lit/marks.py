@@ -58,6 +58,8 @@ REACH_NODES: Final = (
     *[LINE_LENGTH_NODES] * DIRECTIONS,
 )
 
+FILTER_COUNT: Final = len(REACH_NODES)
+
 Weights = Mapping[float, Float32Array]
 
 
