@@ -54,7 +54,7 @@ class Source:
 
     @classmethod
     def of(cls, path: Path, accepted: AcceptedPart) -> "Source":
-        """Read the file of an accepted part's views.
+        """Return an accepted part with the file of its views read.
 
         Parameters
         ----------
