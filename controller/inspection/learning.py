@@ -20,6 +20,7 @@ from ._gathered import PlacedFinding, gather
 from ._judge import confirm
 from ._types import Verdict, ViewResult
 from .grasp_pose import PoseSettings
+from .integrity import OutlineResult
 from .kept import Kept
 from .lit import (
     COARSE,
@@ -221,10 +222,10 @@ class _Lesson:
 
     def _view(self, group: Sequence[_Shown]) -> LearnedView | None:
         """Return a learned view, None where too few pictures of it can be used."""
-        some = [(one, lit) for one in group if (lit := self._lit(one)) is not None]
+        some = [(one, *held) for one in group if (held := self._lit(one)) is not None]
         if len(some) < MIN_PARTS:
             return None
-        shown, lits = [one for one, _ in some], [lit for _, lit in some]
+        shown, lits = [one for one, _, _ in some], [lit for _, lit, _ in some]
         away = _apart(shown, self._middle)
         mid = int(np.argmin(away.sum(axis=1).sum(axis=1)))
         base = _base(shown[mid], lits[mid], away[mid], len(some))
@@ -239,11 +240,11 @@ class _Lesson:
             for i, mean in zip(good, found.others, strict=True):
                 without[i][lamp] = replace(found.picture, mean=mean)
         others = [replace(base, pictures=known, parts=len(some) - 1) for known in without]
-        for (one, lit), known in zip(some, others, strict=True):
-            self._judge(one, lit, known)
+        for (one, lit, outline), known in zip(some, others, strict=True):
+            self._judge(one, lit, outline, known)
         return replace(base, pictures=pictures)
 
-    def _lit(self, one: _Shown) -> LitPictures | None:
+    def _lit(self, one: _Shown) -> tuple[LitPictures, OutlineResult] | None:
         posed, task = self._posed[one.part], one.view.task
         views = self._parts[one.part].views
         return lit_of_view(
@@ -253,14 +254,18 @@ class _Lesson:
             one.view.pictures,
             posed.seen[task.view_id],
             posed.pose(task.view_id),
+            len(views.views),
         )
 
-    def _judge(self, one: _Shown, lit: LitPictures, others: LearnedView) -> None:
-        """Judge a part's view by what the others look like."""
+    def _judge(
+        self, one: _Shown, lit: LitPictures, outline: OutlineResult, others: LearnedView
+    ) -> None:
+        """Judge a part's view by its outline, and by what the others look like."""
         task = one.view.task
         outcomes = [lit.check(lamp.name, others) for lamp in task.lamps]
         checks = tuple(check for check, _, _ in outcomes)
         found = [finding for _, findings, _ in outcomes for finding in findings]
+        found += outline.findings
         self._in_sight[one.part] |= lit.in_sight
         self._results[one.part].append(
             ViewResult(
@@ -275,7 +280,7 @@ class _Lesson:
                 hints=tuple(f for f in found if f.evidence < 1.0),
                 compared=np.logical_or.reduce([c.compared for c in checks]) & lit.in_sight,
                 outline_px=np.zeros((0, 2)),
-                checks=checks,
+                checks=(outline.check, *checks),
             )
         )
 

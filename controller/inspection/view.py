@@ -226,17 +226,25 @@ def lit_of_view(
     pictures: ViewPictures,
     seen: SeenView,
     pose: ViewPose | None,
-) -> LitPictures | None:
-    """Return a view's lit pictures at the part's pose; None where the view is not evaluated.
+    view_count: int,
+) -> tuple[LitPictures, OutlineResult] | None:
+    """Return a view's lit pictures at the part's pose, and the outline compared there.
 
     Parameters
     ----------
     part, samples, task, pictures, seen, pose : as `compare_view` has them
+    view_count : views of the part
+
+    Returns
+    -------
+    None where the view is not evaluated
     """
-    stand = _stand_of(part, task, pictures, seen, pose, Strictness())
-    if stand.fit is None:
+    strictness = Strictness(view_count=view_count)
+    stand = _stand_of(part, task, pictures, seen, pose, strictness)
+    if stand.fit is None or pose is None:
         return None
-    return _lit_at(part, samples, task, pictures, seen.scene, stand.sharp, stand.fit)
+    lit = _lit_at(part, samples, task, pictures, seen.scene, stand.sharp, stand.fit)
+    return lit, _outline(part, samples, task, seen.backlit, pose, stand.fit, strictness)
 
 
 def _lit_at(

@@ -36,21 +36,29 @@ def write(runs: Path) -> Path:
     (folder / "inputs" / "shown.yaml").write_text("name: shown\npart: shown.stl\n")
     views = folder / "part001.views.json"
     views.write_text(json.dumps(tree), encoding="utf-8")
-    journal = Journal(runs / JOURNAL_NAME, RUN)
+    write_journal(runs, views)
+    return folder
+
+
+def write_journal(runs: Path, views: Path) -> str:
+    """Judge the part of a set in a run's folder; write the journal, return the lines' hash."""
+    folder, tree = views.parent, json.loads(views.read_text(encoding="utf-8"))
+    journal = Journal(runs / JOURNAL_NAME, folder.name)
     journal.write(rows.RunBegan(recipe=tree["recipe"], count=1))
     for path in sorted((folder / "pictures").iterdir()):
         name = path.relative_to(folder).as_posix()
         journal.write(rows.FilesStored({name: sha256(path)}), 1)
     journal.write(rows.FilesStored({views.name: sha256(views)}), 1)
     file = load_view_set(views)
-    judging = Judging(file.recipe, views, views)
+    judging = Judging(file.recipe, views, views, file.learned)
     found = judge_views(file, compiled_part(views, file), read_pictures(views, file), judging)
     journal.write(measured_row(found.measured), 1)
     journal.write(findings_row(found.findings), 1)
     ledger = replace(found.ledger, verdict=found.verdict, reasons=found.reasons)
     journal.write(verdict_row(ledger), 1)
-    journal.write(rows.PartInspected(views=views.name, lines_sha256=lines_digest(found)), 1)
+    digest = lines_digest(found)
+    journal.write(rows.PartInspected(views=views.name, lines_sha256=digest), 1)
     journal.write(rows.AtRest(state="complete"))
     journal.write(rows.RunEnded(end="complete", parts=1))
     journal.close()
-    return folder
+    return digest

@@ -229,7 +229,8 @@ def _header(lesson: Lesson, sources: Sequence[Source], solid: Solid, digest: str
         p_part_mm=(x, y, z),
         made=datetime.now(UTC),
         software=installed_version(),
-        parts=tuple(by_name[one.name] for one in lesson.tried),
+        # a part none of whose views could be used has taught nothing
+        parts=tuple(by_name[one.name] for one in lesson.tried if one.compared),
         left_out=tuple(by_name[one.name] for one in lesson.left_out),
         compared=_mean([one.compared for one in lesson.tried]),
         in_sight=_mean([one.in_sight for one in lesson.tried]),
@@ -243,6 +244,7 @@ def _mean(values: Sequence[float]) -> float:
 def _print(lesson: Lesson, solid: Solid, output: Path, seconds: float, *, as_json: bool) -> None:
     views = lesson.appearance.views
     pictures = sum(len(view.pictures) for view in views)
+    count = sum(1 for one in lesson.tried if one.compared)
     if as_json:
         emit(
             {
@@ -261,13 +263,13 @@ def _print(lesson: Lesson, solid: Solid, output: Path, seconds: float, *, as_jso
         share = one.compared / one.in_sight if one.in_sight else 0.0
         print_line(
             f"  {one.name}: {100 * share:.1f} % of what is in sight compared; "
-            + ("left out: " if one.odd else "no difference")
+            + ("left out: " if one.odd else "no difference" if one.compared else "no view of use")
             + "; ".join(found.sentence(solid) for found in one.odd)
         )
     for words in lesson.unlearned:
         warn(f"not learned: {words}, too few")
     print_line(
-        f"learned from {len(lesson.tried)} parts, {len(views)} views, {pictures} pictures, in "
+        f"learned from {count} parts, {len(views)} views, {pictures} pictures, in "
         f"{seconds:.0f} s: {output}"
     )
     print_line(f"to judge by it: `learned: {output.name}` under `inspection:` of the recipe")
