@@ -241,7 +241,7 @@ def lit_of_view(
     """
     strictness = Strictness(view_count=view_count)
     stand = _stand_of(part, task, pictures, seen, pose, strictness)
-    if stand.fit is None or pose is None:
+    if stand.fit is None or pose is None or seen.backlit is None:
         return None
     lit = _lit_at(part, samples, task, pictures, seen.scene, stand.sharp, stand.fit)
     return lit, _outline(part, samples, task, seen.backlit, pose, stand.fit, strictness)
