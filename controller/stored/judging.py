@@ -147,7 +147,9 @@ def judge_views(
     views, characteristics, settings = _asked(file, part, pictures, judging, kept)
     found = inspect_part(views, characteristics, settings, kept)
     if judging.learned is not None:
-        found = replace(found, reasons=(*found.reasons, _by_learned(found, judging.learned)))
+        # behind the verdict's own, before what a terminal leaves to `--json`
+        first, others = found.reasons[:1], found.reasons[1:]
+        found = replace(found, reasons=(*first, _by_learned(found, judging.learned), *others))
     return as_calibrated(found, file.calibration, judging.recipe)
 
 

@@ -19,6 +19,7 @@ from shown_part import perfect
 from controller.cell.journal import JOURNAL_NAME, Journal, append_beside, rows
 from controller.cli import main
 from controller.config.view_set import load_view_set
+from controller.interface import judge_pictures
 from controller.stored import (
     Judging,
     cad_sha256,
@@ -271,8 +272,19 @@ def test_a_set_and_a_recipe_name_it_too(
     by_recipe, _ = inspected(capsys, path, "--recipe", str(recipe))
     path.write_text(json.dumps(learned_sets.tree() | {"learned": "good.learned"}))
     by_set, _ = inspected(capsys, path)
+    cell = judge_pictures(path)  # as a program asks
     shares = {end["covered_fraction"] for end in (by_option, by_recipe, by_set)}
-    assert len(shares) == 1
+    assert shares == {cell.ledger.compared_fraction}
+    assert judge_pictures(path, recipe=recipe).ledger.compared_fraction in shares
+
+
+def test_a_terminal_shows_that_learned_parts_decided(
+    learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = learned_sets.write(tmp_path / "set", 41)
+    capsys.readouterr()
+    main(["inspect", str(path), "--learned", str(learned)])
+    assert f"from {PART_COUNT} parts: it decided on surfaces" in capsys.readouterr().out
 
 
 # -- from runs ------------------------------------------------------------------------------------
