@@ -14,7 +14,7 @@ import pytest
 import view_sets
 
 from controller.cell.batch import RunOrder, product_of
-from controller.cell.batch.beginning import _keep_inputs, input_files
+from controller.cell.batch.beginning import input_files, keep_inputs
 from controller.cell.compute import Compute, Job
 from controller.cell.compute.job import context
 from controller.cell.journal import rows
@@ -127,7 +127,7 @@ def test_a_run_keeps_a_copy_with_its_hash_and_notes_the_file_itself(
 ) -> None:
     order = order_of(recipe, tmp_path / "run")
     learned = recipe.parent / "learned" / "good.learned"
-    digests = _keep_inputs(order)
+    digests = keep_inputs(order)
     copy = tmp_path / "run" / "inputs" / "good.learned"
     assert copy.read_bytes() == learned.read_bytes()
     assert digests["inputs/good.learned"] == hashlib.sha256(copy.read_bytes()).hexdigest()
@@ -148,7 +148,7 @@ def test_a_part_goes_on_by_the_learned_file_that_its_run_began_with(
 ) -> None:
     run = tmp_path / "run"
     order = order_of(recipe, run)
-    _keep_inputs(order)
+    keep_inputs(order)
     files = {
         str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in input_files(order)
     }

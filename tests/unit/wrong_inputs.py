@@ -1106,6 +1106,13 @@ ROWS: tuple[Row, ...] = (
         "not a database",
         1,
     ),
+    Row("learning nothing", nothing, ("learn", "-o", "a.learned"), "name either SET... or --runs"),
+    Row(
+        "learning from sets that are not there",
+        nothing,
+        ("learn", "none.json", "-o", "a.learned"),
+        "none.json: No such file",
+    ),
     Row("gauge of nothing", nothing, ("gauge",), "name what was measured: sets of views"),
     Row("gauge of no run", nothing, ("gauge", "nonsense"), "no run `nonsense` in runs"),
     Row("report of no run", nothing, ("report", "nonsense"), "no run `nonsense` in runs"),

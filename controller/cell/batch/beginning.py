@@ -65,7 +65,7 @@ async def begin(
     """
     # on the disk, so that a power cut leaves a journal with a beginning and a head
     await journal.write_secured(began)
-    journal.write(rows.FilesStored(await asyncio.to_thread(_keep_inputs, order)))
+    journal.write(rows.FilesStored(await asyncio.to_thread(keep_inputs, order)))
     calibration = await asyncio.to_thread(
         _note_standing, journal, order.cell_path, order.cell, stamps.utc()
     )
@@ -143,8 +143,17 @@ def _several(order: RunOrder) -> dict[str, tuple[rows.RecipeOrdered, ...]]:
     return {"recipes": each}
 
 
-def _keep_inputs(order: RunOrder) -> dict[str, str]:
-    """Copy a run's input files to its folder; return the SHA-256 of each."""
+def keep_inputs(order: RunOrder) -> dict[str, str]:
+    """Copy a run's input files to its folder; return the SHA-256 of each.
+
+    Parameters
+    ----------
+    order : order to run
+
+    Returns
+    -------
+    by name in that folder
+    """
     digests = {}
     for name, path in _inputs(order):
         data = path.read_bytes()
