@@ -168,7 +168,7 @@ def _by_learned(found: PartInspection, path: Path) -> str:
     )
     if without:
         more = f" and {len(without) - MAX_NAMED} more" if len(without) > MAX_NAMED else ""
-        words += f"; not in {', '.join(without[:MAX_NAMED])}{more}, which differ from all learned"
+        words += f"; not in {', '.join(without[:MAX_NAMED])}{more}, which no learned view fits"
     return words
 
 

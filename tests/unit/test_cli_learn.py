@@ -235,7 +235,7 @@ def test_a_view_that_was_not_learned_is_named(
     end, _ = inspected(capsys, path, "--learned", str(learned))
     (said,) = [reason for reason in end["reasons"] if "learned" in reason]
     assert "in 2 of 6 lit pictures" in said
-    assert "not in v01/ring, v01/side, v02/ring, v02/side, which differ from all learned" in said
+    assert "not in v01/ring, v01/side, v02/ring, v02/side, which no learned view fits" in said
 
 
 def test_a_file_of_another_part_is_refused(

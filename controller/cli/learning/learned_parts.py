@@ -40,6 +40,7 @@ from ..inputs.checks import check_writable_folder, require_files
 from ..terminal.output import emit, print_line, warn
 
 # Newest parts taken: the pictures of one take some 30 MB, and more parts hardly change a median.
+MAX_NAMED: Final = 3  # views that a line names
 MAX_PARTS: Final = 24
 
 
@@ -266,8 +267,10 @@ def _print(lesson: Lesson, solid: Solid, output: Path, seconds: float, *, as_jso
             + ("left out: " if one.odd else "no difference" if one.compared else "no view of use")
             + "; ".join(found.sentence(solid) for found in one.odd)
         )
-    for words in lesson.unlearned:
-        warn(f"not learned: {words}, too few")
+    if lesson.unlearned:
+        shown = "; ".join(lesson.unlearned[:MAX_NAMED])
+        more = len(lesson.unlearned) - MAX_NAMED
+        warn(f"not learned: {shown}{f'; and {more} more views' if more > 0 else ''}")
     print_line(
         f"learned from {count} parts, {len(views)} views, {pictures} pictures, in "
         f"{seconds:.0f} s: {output}"
