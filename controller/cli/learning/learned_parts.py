@@ -40,8 +40,8 @@ from ..inputs.checks import check_writable_folder, require_files
 from ..terminal.output import emit, print_line, warn
 
 # Newest parts taken: the pictures of one take some 30 MB, and more parts hardly change a median.
-MAX_NAMED: Final = 3  # views that a line names
 MAX_PARTS: Final = 24
+MAX_NAMED: Final = 3  # views that a line names
 
 
 @dataclass(frozen=True, slots=True)
