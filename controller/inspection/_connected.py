@@ -1,4 +1,4 @@
-"""Differences in a picture -> findings on the part."""
+"""Findings on the part from connected differences in a picture."""
 
 from typing import Final
 
@@ -13,8 +13,8 @@ from ._pose import PosedPart
 from ._types import Finding, FindingKind
 
 BORDER_ZOOM: Final = 4
-LARGE_PX: Final = 500  # size from which a mask is not enlarged, to spare memory
-BORDER_OFF_PX: Final = 0.5  # largest error of a finding's drawn border
+LARGE_PX: Final = 500  # masks of this size or more are not enlarged, to save memory
+BORDER_OFF_PX: Final = 0.5  # largest error of the border drawn round a finding
 
 
 def grow(mask: BoolArray, px: int) -> BoolArray:
@@ -25,18 +25,18 @@ def grow(mask: BoolArray, px: int) -> BoolArray:
 
 
 def border_of(mask: BoolArray, corner: tuple[float, float], step_px: float = 1.0) -> FloatArray:
-    """Return the border (k, 2) of the largest piece of a mask, in pixels of the picture.
+    """Return the border (k, 2) of a mask's largest connected piece, in pixels of the picture.
 
     Parameters
     ----------
     mask : (h, w) with at least one pixel set
-    corner : (x, y) of the middle of the mask's first pixel
-    step_px : from one of the mask's pixels to the next
+    corner : (x, y) centre of the mask's first pixel
+    step_px : distance between neighbouring pixels of the mask
     """
     rows, columns = np.nonzero(mask)
     top, left = int(rows.min()), int(columns.min())
     piece = np.pad(mask[top : rows.max() + 1, left : columns.max() + 1].astype(np.uint8), 1)
-    # enlarged, so that a line one pixel wide has a border as well
+    # Enlarge the mask, so that a line one pixel wide has a border too.
     zoom = BORDER_ZOOM if max(piece.shape) <= LARGE_PX else 1
     large = cv2.resize(piece, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
     contours, _ = cv2.findContours(large, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -58,19 +58,19 @@ def connected_findings(
     area_mm2: Float32Array,
     min_area_mm2: float,
 ) -> list[Finding]:
-    """Return the connected differences that are large enough.
+    """Return a finding for each connected difference that is large enough.
 
     Parameters
     ----------
-    wrong : (h, w) of a window of the picture, which pixels differ
-    kind, lamp : of the findings, for the record
-    part : the solid, with rays against it
-    maps : what the picture is predicted to show of the part
+    wrong : (h, w) mask of the pixels that differ, in a window of the picture
+    kind, lamp : kind and lamp recorded with the findings
+    part : the solid, with ray casting
+    maps : predicted picture of the part
     camera : calibrated, in the world's frame
-    T_world_part : (4, 4) the pose measured
-    corner : (x0, y0) of the window in the picture
-    area_mm2 : (h, w) what a pixel stands for
-    min_area_mm2 : smallest area that is a finding
+    T_world_part : (4, 4) measured pose
+    corner : (x0, y0) corner of the window in the picture
+    area_mm2 : (h, w) area of the surface that each pixel covers
+    min_area_mm2 : smallest area of a finding
     """
     com = transform(T_world_part, part.solid.centroid_mm[None])[0]
     mm = camera.mm_per_px(com)
@@ -114,15 +114,15 @@ def nearest_on_part(
     xs: NDArray[np.integer],
     ys: NDArray[np.integer],
 ) -> tuple[FloatArray, tuple[int, ...]]:
-    """Return the centre of the surface seen by pixels, CAD frame, and the faces most of them see.
+    """Return the centre of the surface seen in some pixels, CAD frame, and its most common faces.
 
     Parameters
     ----------
     part : the part
-    maps : what the picture shows of it
+    maps : predicted picture of it
     camera : calibrated, in the world's frame
     T : (4, 4) pose of the part in the world
-    xs, ys : (n,) the pixels; where they see none of it, the nearest one that does
+    xs, ys : (n,) the pixels; where none of them shows the part, the nearest one that does is used
     """
     u, v = xs - maps.roi[0], ys - maps.roi[1]
     height, width = maps.mask.shape

@@ -1,7 +1,7 @@
-"""One finding for each place of the part, with all looks at it in one sentence.
+"""Merge findings of several pictures into one finding per place of the part.
 
-A chip shows in a dozen pictures, as missing material before the panel, as a pit under lamps. Who
-reads the verdict has one part with one chip.
+One chip shows in a dozen pictures: as missing material before the panel, as a pit under lamps. The
+verdict must report it once.
 """
 
 from collections import Counter
@@ -16,10 +16,13 @@ from controller.cad import Solid
 
 from ._types import Finding, FindingKind, Verdict
 
-MIN_AREA_MM2: Final = 0.1  # some pixels: an area is stated with one decimal, and no defect has none
-# Distance of looks at one place, by errors of the pose and by its visible part.
+# Smallest area reported for a finding, a few pixels. Areas have one decimal in the report, and a
+# smaller one would read as zero.
+MIN_AREA_MM2: Final = 0.1
+# Distance allowed between the findings of one place: poses have errors, and each view sees another
+# portion of a defect.
 BETWEEN_MM: Final = 1.0
-# What tells most of a defect comes first: what it is made of before how it shines.
+# Kinds from the most to the least informative: findings of shape before findings of brightness.
 TELLING: Final = (
     FindingKind.CHIP,
     FindingKind.BURR,
@@ -33,11 +36,11 @@ TELLING: Final = (
     FindingKind.DENT,
     FindingKind.STAIN,
 )
-MAX_FACES: Final = 2  # faces that a sentence names
+MAX_FACES: Final = 2  # largest number of faces named in a sentence
 
 
 class Seen(Protocol):
-    """A finding as far as it says where it is; faces by number or by name."""
+    """Location of a finding; its faces by number or by name."""
 
     @property
     def kind(self) -> str:
@@ -49,24 +52,24 @@ class Seen(Protocol):
 
     @property
     def size_mm(self) -> float:
-        """How large it is across."""
+        """Longest extent."""
 
     @property
     def p_part_mm(self) -> FloatArray:
-        """Its middle (3,) in the part's frame."""
+        """Centre (3,) in the part's frame."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlacedFinding:
-    """One place where the part differs from the CAD model, with all looks at it.
+    """A place where the part differs from the CAD model, with all looks at it.
 
     Attributes
     ----------
-    view_id, plainest : the look that tells most of it
-    looks : all, with their views
+    view_id, plainest : view and finding of the most informative look
+    looks : all looks, with their views
     verdict : FAIL where it is proven, INDETERMINATE where it may be something else
-    size_mm, area_mm2 : the largest that any look shows
-    face_ids : surfaces it lies on, those that most looks show first
+    size_mm, area_mm2 : largest values of all looks
+    face_ids : surfaces it lies on; those shown by most looks first
     """
 
     view_id: str
@@ -95,11 +98,11 @@ def area_words(area_mm2: float) -> str:
 
 
 def gather(looks: Sequence[tuple[str, Finding, Verdict]]) -> tuple[PlacedFinding, ...]:
-    """Return findings of pictures place by place, proven ones first, then by their area.
+    """Return the findings of all pictures merged by place: proven ones first, then by area.
 
     Parameters
     ----------
-    looks : view, finding and what it comes to
+    looks : view, finding, and its verdict
     """
     places = by_place([finding for _, finding, _ in looks])
     found = [_placed([looks[i] for i in members]) for members in places]
@@ -107,11 +110,11 @@ def gather(looks: Sequence[tuple[str, Finding, Verdict]]) -> tuple[PlacedFinding
 
 
 def by_place(findings: Sequence[Seen]) -> list[list[int]]:
-    """Return which findings show one place, by their indices; places in the order of their first.
+    """Return the indices of findings grouped by place; places in the order of their first finding.
 
     Parameters
     ----------
-    findings : of one part
+    findings : findings of one part
     """
     place = list(range(len(findings)))
     for i, one in enumerate(findings):
@@ -124,7 +127,7 @@ def by_place(findings: Sequence[Seen]) -> list[list[int]]:
 
 def _placed(looks: Sequence[tuple[str, Finding, Verdict]]) -> PlacedFinding:
     view_id, plainest, verdict = min(looks, key=_rank)
-    # of faces that as many looks show, those of the plainest one come first
+    # Among faces shown by equally many looks, those of the plainest look come first.
     shown = Counter(
         face for _, f, _ in ((view_id, plainest, verdict), *looks) for face in f.face_ids
     )
@@ -146,10 +149,10 @@ def _rank(look: tuple[str, Finding, Verdict]) -> tuple[bool, bool, int, float]:
 
 
 def _is_one(one: Seen, other: Seen) -> bool:
-    """Return True if two looks show one thing: their extents meet.
+    """Return True if two findings show the same thing: their extents meet.
 
-    An edge or a face that is out of place is long, and what lies near its middle need not be its
-    doing: that has to be on a face of it.
+    An edge or a face that is out of place is long, and a finding near its middle need not belong to
+    it. Such a finding must also share a face with it.
     """
     far = {FindingKind.DIMENSION, FindingKind.MISSING_EDGE} & {one.kind, other.kind}
     if far and not set(one.face_ids) & set(other.face_ids):

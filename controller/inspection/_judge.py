@@ -1,4 +1,4 @@
-"""Verdict from views: per surface, per part. Surface that no check compared is not inspected.
+"""Verdicts on surfaces and on the part. A surface that no check compared is not inspected.
 
 A pass needs every surface compared for the greater part, or named by the recipe as not inspected,
 or shown by its edges where there is no room for a comparison (docs/adr/0034); every failed
@@ -31,25 +31,28 @@ from ._types import (
 from .detection import MARKS, NEXT_WIDTH, NOTHING_ASKED, Detection
 from .edge_evidence import FaceEdges
 
-SURE_AREA: Final = 2.5  # in smallest areas; no noise at a border grows so large
-# Distance of their centres below which findings of two views are one thing.
+# Area, in smallest areas, above which a finding cannot be noise at a border.
+SURE_AREA: Final = 2.5
+# Distance between the centres of two views' findings below which both are the same thing.
 SAME_PLACE_MM: Final = 6.0
 SAME_PLACE_SHARE: Final = 0.25  # distance added, as a share of their sizes
 # Misfit below which surface finish cannot explain a lit picture's findings.
 EVEN_MISFIT: Final = 0.12
-# The same distance for marks: two poses, and the centre of the visible part.
+# The same for marks: the errors of two poses, and of the centre of the visible portion.
 MARK_PLACE_MM: Final = 1.0
 MARK_PLACE_SHARE: Final = 0.35
-# The same as a share of a mark's extent; the part's outline may cut it.
+# `SAME_PIXELS_PX` as a share of a mark's extent; the part's outline may cut the mark.
 SAME_PIXELS_SHARE: Final = 0.25
-OTHER_SIDE_RAD: Final = float(np.radians(60.0))  # least turn of a dent's bright side with the lamp
-# Looks that would have shown a mark and did not, which prove a reflection.
+# Least turn of a dent's bright side from one lamp to the other.
+OTHER_SIDE_RAD: Final = float(np.radians(60.0))
+# Number of looks that would have shown a mark and did not, from which it is a reflection.
 SEEN_AGAIN_COUNT: Final = 2
-# Kinds that may hide in all pictures, since no picture shows them.
+# Kinds that several looks together do not prove: an edge in place may hide in all pictures.
 UNPROVEN: Final = {FindingKind.MISSING_EDGE}
-PLAIN: Final = 3.0  # in limits of texture; a stronger mark is never argued away
+# Strength, in limits of texture, above which a mark is never taken for a reflection.
+PLAIN: Final = 3.0
 MIN_FACE_SHARE: Final = 0.5  # least share of a face that must have been compared
-# Share of a failed view's surface that other views must have in sight.
+# Share of a failed view's surface that other views must have in sight to make up for it.
 MADE_GOOD_SHARE: Final = 0.99
 NO_VIEW: Final = "in no view that was evaluated"
 TOO_SMALL: Final = "smaller than the smallest difference looked for, which cannot be on it alone"
@@ -69,14 +72,14 @@ class FaceVerdict:
 
     Attributes
     ----------
-    face_id, label : which
+    face_id, label : number and name of the surface
     area_mm2 : its area
-    compared_fraction : of its samples, compared by any check of any evaluated view
+    compared_fraction : share of its samples that any check of any evaluated view compared
     verdict : outcome
     views : views that compared any of it
     reason : why it failed or was not compared
-    by_check : share of its samples compared, by name of the check; under `EDGES` the share of its
-        edges that is in place, where these verify it
+    by_check : share of its samples compared, by name of the check; under `EDGES`, where its edges
+        verify it, the share of them that is in place
     rest : share of its samples not compared, by reason, largest first
     """
 
@@ -93,20 +96,20 @@ class FaceVerdict:
 
 @dataclass(frozen=True, slots=True)
 class PartVerdict:
-    """The verdict on one part.
+    """Verdict on one part.
 
     Attributes
     ----------
     verdict : outcome
     reasons : sentences, most important first
     faces : one entry per surface; their areas add up to the whole
-    compared_fraction : of the whole area, compared in evaluated views
-    in_sight_fraction : of the whole area, in sight of them, compared or not
-    findings : what differs from the CAD, place by place
-    claim : what was looked for on the compared surface, as a sentence without a subject
-    detections : by kind of defect what would have been found, and where
-    short_faces : ids of the faces of which too little was compared, which stops a PASS
-    compared_U : expanded uncertainty (k = 2) of `compared_fraction`, from how far apart samples are
+    compared_fraction : share of the whole area compared in evaluated views
+    in_sight_fraction : share of the whole area in sight of these views, compared or not
+    findings : differences from the CAD, place by place
+    claim : coverage and limits of the checks, as a sentence without a subject
+    detections : detectable size and place by kind of defect
+    short_faces : ids of faces compared too little, which prevents a PASS
+    compared_U : expanded uncertainty (k = 2) of `compared_fraction`, from the samples' spacing
     """
 
     verdict: Verdict
@@ -138,16 +141,17 @@ def judge(
     Parameters
     ----------
     solid : the part
-    samples : n, of its surface, by which coverage is counted
-    views : what was compared in each
-    unseen_reasons : by face id, why the plan could not show (all of) it; explains, excuses nothing
+    samples : n samples of its surface, by which coverage is counted
+    views : results of the views
+    unseen_reasons : reason, by face id, why the plan could not show (all of) a face; it explains a
+        gap and excuses none
     min_coverage : share of the area that must have been compared for a pass, above 0
-    limits : of the findings
-    not_inspected : by face id, why the recipe leaves it out: that takes away the duty to compare
-        it, and nothing from what pictures show against it
-    planned : by view id, which samples (n,) the plan meant it to show
-    edges : by face id, what its edges prove
-    find_mm : by kind of defect the size that the recipe asks for, where it names one
+    limits : limits of the findings
+    not_inspected : reason, by face id, why the recipe leaves a face out: the face need not be
+        compared, but findings on it still count
+    planned : mask, by view id, of the samples (n,) that the plan meant the view to show
+    edges : evidence, by face id, from the face's edges
+    find_mm : size to be found, by kind of defect, where the recipe names one
 
     Raises
     ------
@@ -164,7 +168,7 @@ def judge(
     )
     placed = gather(confirm(evaluated, samples, limits, find_mm))
     found: dict[int, PlacedFinding] = {}
-    for one in placed:  # proven ones first
+    for one in placed:  # proven findings first
         found = dict.fromkeys(one.face_ids, one) | found
     excuses = _unjudged(samples, evaluated)
     faces = tuple(
@@ -176,7 +180,7 @@ def judge(
     )  # fmt: skip
     claim = _claim(evaluated)
     is_failed = any(one.verdict is Verdict.FAIL for one in placed)
-    # what pictures show against the part comes first, whatever else is open
+    # Findings against the part come first, whatever else is open.
     reasons: list[str] = [
         one.sentence(solid)
         if one.verdict is Verdict.FAIL
@@ -250,7 +254,7 @@ def _any(samples: SurfaceSamples, masks: Iterator[BoolArray]) -> BoolArray:
 
 
 def _claim(views: Sequence[ViewResult]) -> str:
-    """Return a sentence on the coverage and the limits of all checks together."""
+    """Return a sentence on the coverage and the limits of all checks combined."""
     made = [c for view in views for c in view.checks if not c.reason and c.compared.any()]
     outlines = [c for c in made if c.name == OUTLINE]
     lit = [c for c in made if c.name != OUTLINE]
@@ -276,14 +280,14 @@ def confirm(
     limits: InspectionLimits,
     find_mm: Mapping[str, float],
 ) -> list[tuple[str, Finding, Verdict]]:
-    """Return findings that decide, or that one error could explain; without the refuted.
+    """Return the findings that are proven or still open; refuted ones are left out.
 
     Parameters
     ----------
-    views : evaluated ones
-    samples : of the surface
-    limits : of a difference
-    find_mm : by kind of defect the size asked for
+    views : evaluated views
+    samples : samples of the surface
+    limits : limits of the findings
+    find_mm : size asked for, by kind of defect
 
     Returns
     -------
@@ -316,8 +320,8 @@ def _is_on_lens(
 ) -> bool:
     """Return True if another pose shows something in the same pixels, elsewhere on the part.
 
-    Dirt on the lens stays in its pixels as the part turns; what is on a face leaves them. Of an
-    outline nobody knows how deep it lies, so that only lit pictures tell.
+    Dirt on the lens keeps its pixels as the part turns; a mark on a face leaves them. The depth of
+    a finding at the outline is unknown, so only lit pictures can decide.
     """
     if not finding.kind.is_lit:
         return False
@@ -344,12 +348,12 @@ def _is_argued_away(
     samples: SurfaceSamples,
     asked_mm: float,
 ) -> bool:
-    """Return True if other looks would have shown a mark and did not: light made it.
+    """Return True if other looks would have shown a mark and did not: it is a reflection.
 
-    What is on the part stays where it is as the part turns. A dent may hide under one lamp, so that
-    more than one look is needed; a mark far beyond all texture is not argued away. One that looks
-    smaller than what is asked for may be a larger one seen badly: looks that would have shown
-    that size with 90 % say that it is not (ADR 79).
+    A mark on the part keeps its place as the part turns. A dent may be invisible under one lamp, so
+    more than one look is needed; a mark far stronger than any texture is never dismissed. A mark
+    that appears smaller than the size asked for may be a larger one seen badly: looks that would
+    have shown that size with a probability of 90 % refute it (ADR 79).
     """
     if not finding.kind.is_mark or finding.evidence >= PLAIN:
         return False
@@ -381,14 +385,14 @@ def _is_other_look(
 ) -> bool:
     """Return True if no single error explains two findings.
 
-    Two lamps in one pose share its error, and their prediction's. The part turned, that error
-    would move; not so the light model's about a finish, so that two lit pictures decide only where
-    both are predicted well all over. A mark is found against its own face, whatever the model; it
-    decides with any other look at the part turned, but not where both are the same pixels, as dirt
-    on the lens is. Two lamps in one pose decide on a dent whose bright side turns with the lamp,
-    and on a mark that no good part showed under either.
-    Outline and shading of one pose share only the pose, and both checks have confirmed it:
-    together they count where both are too large for what an error within these limits makes.
+    Two lamps in one pose share the error of that pose and of its prediction. An error of the pose
+    moves when the part is turned. An error in the light model of a finish does not, so two lit
+    pictures decide only where both are predicted well all over. A mark is found against its own
+    face, without the model; it decides with any other look at the turned part, except where both
+    lie in the same pixels, as dirt on the lens does. Two lamps in one pose decide on a dent whose
+    bright side turns with the lamp, and on a mark that no good part showed under either lamp.
+    Outline and shading in one pose share only the pose, which both checks have confirmed. Together
+    they decide where both findings are too large for a pose error within the limits.
     """
     if finding.kind.is_mark or other.kind.is_mark:
         if view.view_id == other_view.view_id:
@@ -398,7 +402,7 @@ def _is_other_look(
         return is_other and bool(away > SAME_PIXELS_PX)
     is_lit = finding.kind.is_lit and other.kind.is_lit
     if is_lit and max(_misfit(view, finding), _misfit(other_view, other)) > EVEN_MISFIT:
-        return False  # what the finish does in one view it may do in the other
+        return False  # the finish may cause the same in both views
     if is_turned(view.T_world_part, other_view.T_world_part):
         return True
     least = SURE_AREA * limits.min_area_mm2
@@ -407,7 +411,7 @@ def _is_other_look(
 
 
 def _turns_with_the_lamp(finding: Finding, other: Finding) -> bool:
-    """Return True if two lamps show a bright and a dark side each, and not the same ones."""
+    """Return True if the direction from a mark's dark to its bright side turns with the lamp."""
     if finding.lamp == other.lamp:
         return False
     lengths = [float(np.hypot(*f.dipole_px)) for f in (finding, other)]
@@ -418,9 +422,10 @@ def _turns_with_the_lamp(finding: Finding, other: Finding) -> bool:
 
 
 def _is_no_good_part(view: ViewResult, finding: Finding, other: Finding) -> bool:
-    """Return True if two lamps show what no good part showed there.
+    """Return True if two lamps show a mark that no good part showed there.
 
-    What light does to good parts in this view is known; what two lamps show is on the part.
+    The effects of light on good parts in this view are known, so a mark under two lamps is on the
+    part.
     """
     lamps = {finding.lamp, other.lamp}
     learned = {c.name for c in view.checks if c.learned_from and not c.reason}
@@ -461,7 +466,8 @@ def _not_made_good(
 def _unjudged(samples: SurfaceSamples, views: Sequence[ViewResult]) -> NDArray[np.uint8]:
     """Return the reasons for samples in sight not compared, (n,), as in `ViewResult.unjudged`.
 
-    Of several views the one that came closest counts: the latest reason in `Unjudged`'s order.
+    Of several views, the one that came closest to a comparison counts: the latest reason in the
+    order of `Unjudged`.
     """
     out = np.zeros(len(samples.points_mm), dtype=np.uint8)
     holder = Unjudged.HOLDER.number
@@ -514,7 +520,7 @@ def _face(
     elif face.area_mm2 < limits.min_area_mm2:
         reason = TOO_SMALL
     elif edges is not None and edges.why:
-        # light is no reason where edges could have told and did not
+        # Light is no reason where edges could have shown a difference and did not.
         reason = edges.why
     return FaceVerdict(
         face_id, face.label, face.area_mm2, fraction, verdict, by, reason, by_check, rest,
@@ -522,7 +528,7 @@ def _face(
 
 
 def _by_check(areas: FloatArray, views: Sequence[ViewResult]) -> tuple[tuple[str, float], ...]:
-    """Return the share of a face that each check compared; areas (n,) are 0 off the face."""
+    """Return each check's compared share of a face; areas (n,) are 0 off the face."""
     mine, compared = areas > 0.0, dict[str, BoolArray]()
     for check in (check for view in views for check in view.checks if not check.reason):
         here = check.compared & mine
@@ -537,7 +543,7 @@ def _by_check(areas: FloatArray, views: Sequence[ViewResult]) -> tuple[tuple[str
 def _rest(
     areas: FloatArray, whole: float, excuses: NDArray[np.uint8], otherwise: str
 ) -> tuple[tuple[str, float], ...]:
-    """Return the share of a face not compared, by reason; areas (n,) are 0 where it was."""
+    """Return the share of a face not compared, by reason; compared areas (n,) are 0."""
     if not areas.any():
         return ()
     words = [otherwise, *(reason.value for reason in Unjudged)]

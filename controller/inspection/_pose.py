@@ -1,8 +1,8 @@
-"""The pose at which a view is compared, and other poses that its outline leaves open.
+"""Pose at which a view is compared, and the other poses that its outline allows.
 
-A round part shows hardly how it is turned about its axis, a part seen squarely not how deep it is.
-Such a pose is one of many that the outline allows alike. What a lit picture tells against the one
-and not against the other tells nothing of the part.
+The outline of a round part hardly depends on its turn about the axis, and that of a part seen
+squarely hardly on its depth. The outline then fits many poses equally well. A difference in a lit
+picture that appears at one of these poses and not at another says nothing about the part.
 """
 
 from collections.abc import Iterator
@@ -39,45 +39,46 @@ from ._types import ViewTask
 
 PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] deviation of a fresh grasp from the planned one
 MEASURED_HOLD: Final = (0.3, 0.005)  # [mm, rad] the same once a view has measured it
-AS_PLACED: Final = (0.05, 0.001)  # [mm, rad] range in which the fit of a tried pose may move it
-REACH_PX: Final = 25.0  # largest offset of the outline there
+AS_PLACED: Final = (0.05, 0.001)  # [mm, rad] largest movement of a tried pose by its fit
+REACH_PX: Final = 25.0  # largest offset of the outline at the expected pose
 COMPARED_PX: Final = 6.25  # reach of the search for the observed outline round the fitted one
 CLEAR_PX: Final = 1.0  # width of a slit below which light through it is not compared
 PAIRED_PX: Final = 2.0  # distance below which a point of the outline counts as found
-# Uncertainty of an outline point: before a panel nothing moves a whole outline.
+# Uncertainty of an outline point; before a panel, no effect moves a whole outline.
 SIGMA_PX: Final = 0.4
 MIN_POINTS: Final = 20  # least number of points of an outline, observed or predicted
-# Distance from which an outline point is off the picture's outline after the fit.
+# Distance from the picture's outline beyond which a fitted outline point is off it.
 OFF_PX: Final = 0.5
-OFF_SHARE: Final = 0.03  # largest share of such points; good fits leave one in a hundred
+OFF_SHARE: Final = 0.03  # largest share of such points; in good fits it is one in a hundred
 SMALL: Final = 1e-4  # step of a derivative [mm, rad]
-FLOOR: Final = 1e-9  # least variance, so that rounding makes none negative
-OPEN_COUNT: Final = 2  # directions that an outline may leave open: a turn, and a tilt
+FLOOR: Final = 1e-9  # least variance, so that no rounding error makes one negative
+# Number of directions that an outline may leave undetermined: a turn and a tilt.
+OPEN_COUNT: Final = 2
 TRIED: Final = (0.5, -0.5, 1.0, -1.0, 2.0, -2.0)  # in standard deviations
-SHOWS_PX: Final = 1.0  # shift in the picture below which a pose is the same one
+SHOWS_PX: Final = 1.0  # shift in the picture below which two poses are the same
 RESIDUAL_PLAY_PX: Final = 0.02  # difference of residuals between fits that are equally good
 
 
 @dataclass(frozen=True, eq=False)
 class PosedPart:
-    """A part that is looked for in the gripper: the solid, and the predictor of its pictures."""
+    """The part sought in the gripper: the solid, and the predictor of its pictures."""
 
     solid: Solid
 
     @cached_property
     def edges(self) -> EdgeModel:
-        """Edges that the part may show."""
+        """Edges of the part that pictures may show."""
         return edge_model(self.solid)
 
     @property
     def caster(self) -> RayCaster:
-        """Rays against it, CAD frame."""
+        """Ray casting against the part, CAD frame."""
         return self.edges.caster
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PoseFit:
-    """A pose, with its outline against the observed one.
+    """A pose with its outline compared with the observed one.
 
     Attributes
     ----------
@@ -85,11 +86,11 @@ class PoseFit:
     residual_px : median distance of predicted outline points from the observed outline
     paired : share of predicted outline points that found the observed outline within 2 px
     maps : the prediction at the pose
-    edge_px, edge_normals : (n, 2) the predicted outline where it is judged, one point a pixel, and
-        its normals, from part to ground
-    edge_points_mm : (n, 3) the part's points there, world
-    gap_px : (n,) how far beyond it the observed outline is; nan where there is none near
-    step_mm : between these points
+    edge_px, edge_normals : (n, 2) predicted outline where it is judged, one point a pixel, and its
+        normals, from the part to the ground
+    edge_points_mm : (n, 3) points of the part on this outline, world
+    gap_px : (n,) distance of the observed outline beyond it; nan where none is near
+    step_mm : distance between these points
     covariance : (6, 6) of the centre of mass, world [mm], and of the rotation vector about it [rad]
     """
 
@@ -117,8 +118,8 @@ def poses_as_good(
     ----------
     part : the part
     task : the view, with its camera and the pose expected
-    fit : the pose measured
-    outline : observed
+    fit : measured pose
+    outline : observed outline
     """
     T, camera = fit.T_world_part, task.camera
     pivot = transform(T, part.solid.centroid_mm[None])[0]
@@ -158,7 +159,7 @@ def pose_steps(part: PosedPart, task: ViewTask, fit: PoseFit) -> FloatArray:
         for d in SMALL * np.eye(6)
     ]
     shows = np.array(moves)
-    # of steps as probable as each other, those that move most in the picture come first
+    # Of equally probable steps, those that move the picture most come first.
     root = np.linalg.cholesky(fit.covariance + FLOOR * np.diag(np.diag(fit.covariance)))
     _, directions = np.linalg.eigh(root.T @ shows @ shows.T @ root)
     return np.asarray((root @ directions[:, ::-1]).T)
@@ -188,13 +189,13 @@ def point_spread(
 
 
 def moved(part: PosedPart, task: ViewTask, fit: PoseFit) -> tuple[float, float]:
-    """Return the displacement of the centre of mass from the expected one [mm] and the turn [rad].
+    """Return the displacement of the centre of mass [mm] and the turn [rad] from the expected pose.
 
     Parameters
     ----------
-    part : knows its centre of mass, CAD frame
-    task : the view, with the pose that was expected
-    fit : the pose that was measured
+    part : the part, with its centre of mass
+    task : the view, with its expected pose
+    fit : measured pose
     """
     T_moved = fit.T_world_part @ inverse_pose(task.T_world_part)
     com = part.solid.centroid_mm[None]
@@ -209,7 +210,7 @@ def _fit(
     fit: PoseFit,
     outline: OutlineMeasure,
 ) -> PoseFit | None:
-    """Return a tried pose after a few more steps of the fit; None where no outline is found."""
+    """Return a tried pose refined by a few more fit steps; None where no outline is found."""
     if len(outline.points) < MIN_POINTS:
         return None
     mm, rad = AS_PLACED

@@ -23,19 +23,21 @@ from ._connected import grow
 from ._pose import PosedPart
 from ._types import ViewTask, WorldBox
 
-HOLDER_MARGIN_PX: Final = 9  # margin: the gripper's shape and place are known to about a millimetre
+# Margin round the gripper, whose shape and place are known to about a millimetre.
+HOLDER_MARGIN_PX: Final = 9
 MASK_STEP_PX: Final = 2
-# Distance behind the part's surface from which a gripper is not in front of it.
+# A gripper farther behind the part's surface than this is not in front of it.
 BEHIND_MM: Final = 2.0
 MAX_INCIDENCE_COS: Final = float(np.cos(np.radians(75.0)))
 SPOT_RADIUS_MM: Final = 25.0  # assumed radius of a lamp that is given as one point
 RING_SPREAD: Final = 0.12  # spread of a ring lamp's radius, as a share
-SHADOW_OFFSET_MM: Final = 0.05  # distance from the surface, so that it does not shadow itself
+# Offset of shadow rays from the surface, so that it does not shadow itself.
+SHADOW_OFFSET_MM: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ViewScene:
-    """The scene of a view besides the part, for the prediction."""
+    """Scene of a view without the part, for the prediction."""
 
     holder: RayCaster | None
     holder_mask: BoolArray  # (height, width), grown
@@ -44,7 +46,7 @@ class ViewScene:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Visibility:
-    """Visibility of samples, and their pixels; (n,) each, pixels (n, 2)."""
+    """Visibility of samples, (n,) each, and their pixels (n, 2)."""
 
     free: BoolArray
     beside_gripper: BoolArray
@@ -52,20 +54,20 @@ class Visibility:
 
 
 def box_mesh(boxes: tuple[WorldBox, ...]) -> trimesh.Trimesh:
-    """Return the triangles of boxes, one box at least, in the world."""
+    """Return the triangles of one or more boxes in the world."""
     meshes = [trimesh.creation.box(extents=2 * box.half_mm, transform=box.T) for box in boxes]
     return cast("trimesh.Trimesh", trimesh.util.concatenate(meshes))
 
 
 def make_scene(task: ViewTask) -> ViewScene:
-    """Return the scene of a view: everything in it but the part."""
+    """Return the scene of a view: everything in it except the part."""
     width, height = task.camera.size_px
     holder: RayCaster | None = None
     holder_mask = np.zeros((height, width), dtype=bool)
     if task.holder:
         mesh = box_mesh(task.holder)
         holder = RayCaster(mesh)
-        # every fourth pixel is enough under a margin of nine
+        # With a margin of nine pixels, every fourth pixel is enough.
         maps = render_maps(holder, np.eye(4), task.camera, (0, 0, width, height), step_px=4)
         coarse = np.repeat(np.repeat(maps.mask, 4, axis=0), 4, axis=1)[:height, :width]
         holder_mask = grow(coarse, HOLDER_MARGIN_PX)
@@ -82,16 +84,16 @@ def make_scene(task: ViewTask) -> ViewScene:
 
 
 def before_part(scene: ViewScene, maps: ViewMaps, camera: Camera) -> ViewScene:
-    """Return a scene with only that part of the gripper that stands in front of the part.
+    """Return a scene with the gripper masked only where it is in front of the part.
 
-    A finger behind the part hides nothing of the part's face; beside the part and through its holes
-    it stays in the mask.
+    A finger behind the part hides none of the part's face; beside the part and through its holes it
+    remains in the mask.
 
     Parameters
     ----------
-    scene : as `make_scene` knows it
-    maps : the part in the picture, at its measured pose
-    camera : of the view
+    scene : scene from `make_scene`
+    maps : predicted picture of the part at its measured pose
+    camera : camera of the view
     """
     if scene.holder is None:
         return scene
@@ -107,7 +109,7 @@ def before_part(scene: ViewScene, maps: ViewMaps, camera: Camera) -> ViewScene:
 
 
 def lamp_points(lamp: PointLamp) -> FloatArray:
-    """Return points that stand for a lamp of unknown extent, (n, 3) [mm]."""
+    """Return sample points (n, 3) of a lamp of unknown extent [mm]."""
     points = lamp.points_mm
     if len(points) == 1:
         reach = SPOT_RADIUS_MM * np.vstack([np.eye(3), -np.eye(3)])
@@ -120,15 +122,15 @@ def lamp_points(lamp: PointLamp) -> FloatArray:
 def samples_in_sight(
     part: PosedPart, samples: SurfaceSamples, camera: Camera, T: FloatArray, scene: ViewScene
 ) -> Visibility:
-    """Return the surface samples in sight, and those of them beside the gripper.
+    """Return the surface samples in sight, and which of them lie beside the gripper.
 
     Parameters
     ----------
-    part : with rays against it
-    samples : of its surface, CAD frame
-    camera : of the view
+    part : the part, with ray casting
+    samples : samples of its surface, CAD frame
+    camera : camera of the view
     T : (4, 4) pose of the part in the world
-    scene : what else stands there
+    scene : scene without the part
     """
     points = transform(T, samples.points_mm)
     normals = samples.normals @ T[:3, :3].T

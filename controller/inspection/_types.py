@@ -1,4 +1,4 @@
-"""Inputs and results of inspection: one shown view in, differences from the CAD out."""
+"""Inputs and results of inspection: pictures of a view in, differences from the CAD out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,7 @@ class Verdict(StrEnum):
 
 
 class Unjudged(StrEnum):
-    """Reason why no check compared a sample in sight; the first that applies, in this order."""
+    """Reason why no check compared a sample in sight; the first in this order that applies."""
 
     HOLDER = "beside the gripper, whose place is known to a millimetre"
     FLAT = "seen too flat for the smallest defect to show"
@@ -36,7 +36,7 @@ class Unjudged(StrEnum):
 
     @property
     def number(self) -> int:
-        """Number of the reason in `ViewResult.unjudged`, from 1; 0 is no reason."""
+        """Number of the reason in `ViewResult.unjudged`, from 1; 0 stands for none."""
         return 1 + list(Unjudged).index(self)
 
 
@@ -57,36 +57,38 @@ class FindingKind(StrEnum):
 
     @property
     def is_mark(self) -> bool:
-        """True for a local mark in a face's texture, as dust, dirt or a reflection may make too."""
+        """True for a local mark in a face's texture; dust, dirt or light may look the same."""
         return self in (self.DENT, self.PIT, self.SCRATCH, self.STAIN)
 
     @property
     def is_lit(self) -> bool:
-        """True if found in a picture under a lamp, by its brightness."""
+        """True if found by its brightness in a picture under a lamp."""
         return self is self.SURFACE or self.is_mark
 
 
 @dataclass(frozen=True, slots=True)
 class InspectionLimits:
-    """Limits above which a difference is a finding; each with its reason.
+    """Limits above which a difference is a finding, each with its reason.
 
     Attributes
     ----------
-    smallest_defect_mm : what the recipe asks to be found
-    min_outline_share : less of the predicted outline found: the view is not evaluated; a part in
-        the wrong place keeps a third by chance, one that lost its half keeps three quarters
-    max_shift_mm, max_turn_rad : farther from the expected pose the part has slipped in the jaws
-    slack_px : outlines and shading may be off by this much without meaning anything
+    smallest_defect_mm : smallest defect that the recipe asks to be found
+    min_outline_share : least share of the predicted outline found, for a view to be evaluated; a
+        part in the wrong place matches a third by chance, one with a half missing three quarters
+    max_shift_mm, max_turn_rad : largest deviation from the expected pose; beyond it the part has
+        slipped in the jaws
+    slack_px : deviation of outlines and shading that means nothing
     grey_levels : where the prediction is dark, differences of half as many mean nothing
     min_contrast : between panel and part, and of a lamp on a surface square to it [grey]
-    max_lit_shift_px : a lit picture may lie this far from the pose the backlit one gave
-    max_edge_px : an edge may be this wide (standard deviation of its blur), and
-    max_edge_growth_px : wider than predicted by so much more, or the picture is defocused
-    max_burnt_share : of the pixels of panel or part that may be burnt out
-    false_marks : how often, in the mean, the texture of good faces may look like a mark in a
-        picture; a part of twelve pictures then shows one such in eight parts
-    weak_marks : the same of marks that are of no account alone, but confirm another picture's
-    dust_mm : a mark no wider than this may be a speck of dust, and is none
+    max_lit_shift_px : largest shift of a lit picture from the pose measured in the backlit one
+    max_edge_px : largest width of an edge (standard deviation of its blur)
+    max_edge_growth_px : largest excess of an edge's width over its prediction; the picture is
+        defocused beyond either limit
+    max_burnt_share : largest share of burnt-out pixels of panel or part
+    false_marks : mean number of false marks per picture from the texture of good faces; with twelve
+        pictures a part, one part in eight shows one
+    weak_marks : the same for marks that do not count alone, but confirm those of another picture
+    dust_mm : width up to which a mark may be a speck of dust, and does not count
     """
 
     smallest_defect_mm: float = 3.0
@@ -106,13 +108,13 @@ class InspectionLimits:
 
     @property
     def min_area_mm2(self) -> float:
-        """The smallest area that counts: half the disc of the smallest defect."""
+        """Smallest area that counts: half the disc of the smallest defect."""
         return 0.5 * np.pi / 4 * self.smallest_defect_mm**2
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class WorldBox:
-    """A box of the gripper or the arm: pose of its centre (4, 4), half edges (3,) [mm]."""
+    """A box of the gripper or the arm: pose of its centre (4, 4), half edge lengths (3,) [mm]."""
 
     T: FloatArray
     half_mm: FloatArray
@@ -126,13 +128,13 @@ class ViewTask:
     ----------
     view_id : its name
     camera : the inspection camera
-    T_world_part : (4, 4) where the part is expected
-    holder : boxes of what holds it and may stand in the picture
+    T_world_part : (4, 4) expected pose of the part
+    holder : boxes of the gripper and the arm that may be in the picture
     panel_mm : (4, 3) corners of the backlight panel behind the part, world
     lamps : lamps of the lit pictures
     limits : tolerances
-    is_hold_measured : the expected pose was measured in an earlier view under this grasp, so that
-        it is good to a fraction of a millimetre; else it is the plan's
+    is_hold_measured : True if the expected pose was measured in an earlier view under this grasp,
+        to a fraction of a millimetre; otherwise it is the planned pose
     """
 
     view_id: str
@@ -147,7 +149,7 @@ class ViewTask:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ViewPictures:
-    """Pictures of one view, all of one pose: before the backlight panel, and by lamp name."""
+    """Pictures of one view in one pose: before the backlight panel, and by lamp name."""
 
     backlit: Grey
     lit: Mapping[str, Grey]
@@ -155,23 +157,23 @@ class ViewPictures:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Finding:
-    """One place where picture and CAD disagree.
+    """A place where picture and CAD disagree.
 
     Attributes
     ----------
     kind : what it is
-    lamp : in which picture it shows (``backlit`` or a lamp's name)
-    area_mm2, size_mm : seen area, and longest extent, on the part
-    at_px : (x, y) of its middle in the picture
+    lamp : picture that shows it (``backlit`` or a lamp's name)
+    area_mm2, size_mm : visible area, and longest extent, on the part
+    at_px : (x, y) of its centre in the picture
     box_px : x0, y0, x1, y1
     p_part_mm : (3,) nearest point of the part, CAD frame
     face_ids : surfaces it lies on, largest share first
-    evidence : of a mark how far it is beyond what texture makes; below 1 it only confirms others
-    contrast : of a mark its brightness against its surroundings, as a share
-    dipole_px : of a mark with a bright and a dark side, from the dark one to the bright one
-    is_sure : one look is enough: neither dust nor light nor an error of the pose looks like it
-    outline_px : (k, 2) border of what differs in the picture; None where it is not known
-    words : by how much it is off, in words; empty where its size says so
+    evidence : strength of a mark over the limit of texture; below 1 it only confirms others
+    contrast : brightness of a mark against its surroundings, as a share
+    dipole_px : vector from the dark to the bright side of a mark that has both
+    is_sure : True if one look is enough: no dust, light or error of the pose looks like it
+    outline_px : (k, 2) border of the difference in the picture; None where unknown
+    words : deviation in words; empty where the size states it
     """
 
     kind: FindingKind
@@ -197,20 +199,20 @@ class Finding:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Check:
-    """One comparison of one picture with the CAD: the samples compared, and the sharpness.
+    """One comparison of one picture with the CAD: the samples compared, and the sizes detectable.
 
     Attributes
     ----------
     name : ``outline``, or the lamp's name
-    reason : why it was not made; empty where it was
-    compared : (n,) surface samples where a difference of `size_mm` would have been a finding
-    size_mm : of an outline how far it may be off unnoticed, along `length_mm` of it; under a lamp
-        the width of the smallest area that stands out
+    reason : reason why it was not made; empty where it was
+    compared : (n,) mask of surface samples where a difference of `size_mm` would be a finding
+    size_mm : largest unnoticed deviation of an outline, along `length_mm` of it; under a lamp, the
+        width of the smallest area that stands out
     length_mm : see `size_mm`; 0 under a lamp
-    misfit : share by which a tenth of the lit surface, at least, is off its predicted brightness
-    smallest_mm : by kind of mark (dent, scratch, stain) the smallest width that would have been
-        found at each sample (n,), inf where none
-    learned_from : good parts that the picture was compared with; 0 for none
+    misfit : share by which at least a tenth of the lit surface is off its predicted brightness
+    smallest_mm : smallest width that would have been found at each sample (n,), by kind of mark
+        (dent, scratch, stain); inf where none
+    learned_from : number of good parts that the picture was compared with
     """
 
     name: str
@@ -234,19 +236,19 @@ class ViewResult:
     ----------
     evaluated : False where a self-check failed; `reason` says which
     T_world_part : (4, 4) measured pose (the expected one where not evaluated)
-    shift_mm, turn_rad : from the expected pose to the measured one
-    residual_px : of the outline fit
+    shift_mm, turn_rad : displacement from the expected to the measured pose
+    residual_px : residual of the outline fit
     findings : differences from the CAD
-    compared : (n,) surface samples that any check of this view compared
-    beside_gripper : (n,) samples in sight, but too near to the gripper to be compared
-    unobstructed : (n,) samples nothing stood before, the gripper's margin left out; empty where a
-        view says no more than `compared`
-    checks : one by one, also those that failed
-    unjudged : (n,) of a sample in sight that no check compared why not, as number of `Unjudged`
-        counted from 1, else 0; may be empty
+    compared : (n,) mask of surface samples that any check of this view compared
+    beside_gripper : (n,) mask of samples in sight, but too near to the gripper to be compared
+    unobstructed : (n,) mask of samples with nothing in front, the gripper's margin left out; empty
+        where a view records no more than `compared`
+    checks : all checks, including those that failed
+    unjudged : (n,) reason why no check compared a sample in sight, as a number of `Unjudged`
+        from 1; 0 for none; may be empty
     outline_px : outline of the prediction at the measured pose, (k, 2), for the report
-    hints : marks too weak to be findings, which may confirm another look's
-    face_ids : (n,) surface of each sample, for who knows the part by its view alone; may be empty
+    hints : marks too weak to be findings, which may confirm those of another look
+    face_ids : (n,) surface of each sample, for readers without the part; may be empty
     """
 
     view_id: str
@@ -268,7 +270,7 @@ class ViewResult:
 
     @property
     def in_sight(self) -> BoolArray:
-        """Mask (n,) of the samples in sight of this view in pictures that were judged."""
+        """Mask (n,) of the samples in sight in the judged pictures of this view."""
         if not self.evaluated:
             return np.zeros_like(self.compared)
         is_lit = any(not c.reason for c in self.checks if c.name != OUTLINE)
@@ -278,7 +280,7 @@ class ViewResult:
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """Failed self-checks: the whole view, or lamps, with the reason."""
+        """Reasons of the failed self-checks, of the whole view or of lamps."""
         if not self.evaluated:
             return (f"view {self.view_id} not evaluated: {self.reason}",)
         return tuple(
@@ -288,7 +290,7 @@ class ViewResult:
         )
 
     def within(self, samples: BoolArray) -> "ViewResult":
-        """Return this view's result on some samples (n,) only."""
+        """Return this view's result restricted to some samples (n,)."""
         return replace(
             self,
             compared=self.compared & samples,

@@ -1,7 +1,7 @@
 """Characteristics that a drawing requires, and their measured values.
 
-A characteristic is measured at edges of the part that show in pictures: rims of holes and bosses,
-straight edges. So its geometry is given by those edges, in the CAD frame, nominal.
+A characteristic is measured at edges of the part that pictures show: rims of holes and bosses, and
+straight edges. Its geometry is therefore given by its nominal edges, in the CAD frame.
 """
 
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ class CharacteristicKind(StrEnum):
     ROUNDNESS = "roundness"
 
 
-# Begins the source of limits that are general tolerances, and the reason where these have none.
+# Prefix of the source of general tolerances, and of the reason where the standard gives none.
 GENERAL: Final = "ISO 2768-"
 ONE_SIDED: Final = frozenset(
     {CharacteristicKind.POSITION, CharacteristicKind.STRAIGHTNESS, CharacteristicKind.ROUNDNESS}
@@ -39,14 +39,14 @@ ONE_SIDED: Final = frozenset(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RimCourse:
-    """Course of a rim out of plane round its cylinder, cut by a slope or a round.
+    """Course of a non-planar rim round its cylinder, where a slope or a round cuts it.
 
     Attributes
     ----------
     angles_rad : (n,) ascending from 0, about the rim's axis from its start
-    heights_mm : (n,) over the rim's centre, along its axis
-    radii_mm : (n,) of the mesh's own points there
-    normals : (n, 3) unit, out of the surface that cuts the cylinder
+    heights_mm : (n,) heights over the rim's centre, along its axis
+    radii_mm : (n,) radii of the mesh's own points there
+    normals : (n, 3) unit outward normals of the surface that cuts the cylinder
     """
 
     angles_rad: FloatArray
@@ -70,18 +70,18 @@ class RimCourse:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rim:
-    """The edge between a round wall and its neighbour: a circle, or a curve in space.
+    """Edge between a round wall and its neighbour: a circle, or a curve in space.
 
     Attributes
     ----------
     centre_mm : (3,) CAD frame, nominal
-    axis : (3,) unit, out of the material that the rim's mouth opens in
-    radius_mm : nominal
-    start, sweep_rad : (3,) unit, towards the begin of the arc, and how far it goes round from
-        there, anticlockwise seen against `axis`; 2 pi for a whole circle
-    wall, beyond : faces that meet in it
-    is_hole : the wall faces its axis
-    course : of a rim that lies in no plane, else None; its centre is at its mean height
+    axis : (3,) unit, out of the material at the rim's mouth
+    radius_mm : nominal radius
+    start, sweep_rad : (3,) unit direction to the start of the arc, and its sweep from there,
+        anticlockwise as seen against `axis`; 2 pi for a whole circle
+    wall, beyond : faces that meet in the rim
+    is_hole : True if the wall faces its axis
+    course : course of a non-planar rim, whose centre is at its mean height; None for a planar one
     """
 
     centre_mm: FloatArray
@@ -97,7 +97,7 @@ class Rim:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class EdgeLine:
-    """A straight edge: start and end (3,) CAD frame, nominal; the two faces that meet in it."""
+    """A straight edge: nominal start and end (3,), CAD frame, and the two faces that meet in it."""
 
     start_mm: FloatArray
     end_mm: FloatArray
@@ -106,16 +106,15 @@ class EdgeLine:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RimGeometry:
-    """A hole, a boss or a round, by the rims that show it.
+    """A hole, a boss, a round or a slot, given by the rims that show it.
 
-    Of a round's radius they are arcs. Of the length of a slot with round ends they are the arcs of
-    both ends: the length is the distance of their axes and both radii.
+    The rims of a round are arcs. The rims of a slot with round ends are the arcs of both ends: the
+    slot's length is the distance between their axes plus both radii.
 
     Attributes
     ----------
-    rims : one or more, the widest open one first
-    datum : rims of the wall that the place is given from, for a position; may be empty: then the
-        part's outline is the datum
+    rims : one or more rims, the widest open one first
+    datum : rims of the datum wall of a position; empty where the datum is the part's outline
     """
 
     rims: tuple[Rim, ...]
@@ -124,18 +123,18 @@ class RimGeometry:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class EdgePairGeometry:
-    """A distance between two planes, by the edges that show each of them.
+    """A distance between two planes, given by the edges that show each of them.
 
-    Each plane may be of several faces at one level. A round plane, as the end of a disc, shows by
-    its rims alone.
+    Each plane may consist of several faces at one level. A round plane, such as the end of a disc,
+    is shown by its rims alone.
 
     Attributes
     ----------
     one, other : straight edges in the first and in the second plane, longest first
     direction : (3,) unit, from the first to the second plane, square to both
-    one_face, other_face : id of the largest face of each
-    one_rims, other_rims : circular edges in them
-    middle_mm : (3,) between the middles of both, CAD frame
+    one_face, other_face : id of the largest face of each plane
+    one_rims, other_rims : circular edges in the planes
+    middle_mm : (3,) midpoint between the centres of both, CAD frame
     """
 
     one: tuple[EdgeLine, ...]
@@ -159,7 +158,7 @@ def place_of(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
 
 
 def rim_directions(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two unit directions (3,), square to each other and, right-handed, to an axis."""
+    """Return two unit directions (3,) that form a right-handed frame with an axis."""
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = np.cross(axis, helper)
     first /= np.linalg.norm(first)
@@ -172,21 +171,21 @@ class Characteristic:
 
     Attributes
     ----------
-    id : unique in a part, stable from one compile to the next, as ``hole 6.8 mm (2) diameter``
+    id : unique in a part, stable from one compile to the next, such as ``hole 6.8 mm (2) diameter``
     balloon : number on the drawing and in the table, from 1
-    kind : what
-    label : for people
-    nominal_mm : rad for an angle
+    kind : kind of characteristic
+    label : name for people
+    nominal_mm : nominal value; rad for an angle
     lower_mm, upper_mm : limits of the value itself, not of its deviation
-    source : where the limits come from, as ``ISO 2768-m``, ``recipe`` or ``AP242``
-    geometry : the edges that show it
-    faces : ids of the faces it is of
-    is_critical : two independent looks must agree
-    exempt : why a PASS of the part does not need it; empty where it does
+    source : origin of the limits, such as ``ISO 2768-m``, ``recipe`` or ``AP242``
+    geometry : edges that show it
+    faces : ids of its faces
+    is_critical : True if two independent looks must agree
+    exempt : reason why a PASS of the part does not need it; empty where it does
     is_required : False where a PASS needs it neither verified nor measured
     is_measured : False where no picture shows it, or the recipe leaves it out
-    length_mm : what its uncertainty grows with: of a position the way to its datum; 0 where it is
-        the nominal value
+    length_mm : length with which its uncertainty grows, such as the distance of a position from its
+        datum; 0 where this is the nominal value
     """
 
     id: str
@@ -207,21 +206,21 @@ class Characteristic:
 
     @property
     def tolerance_mm(self) -> float:
-        """Width of the tolerance; of a one-sided one, from 0 to its limit."""
+        """Width of the tolerance; for a one-sided one, from 0 to its limit."""
         return self.upper_mm - self.lower_mm
 
     @property
     def is_general(self) -> bool:
-        """True if its limits are general tolerances, without any stated for it."""
+        """True if its limits are general tolerances, with none stated for it."""
         return self.source.startswith(GENERAL)
 
     @property
     def is_one_sided(self) -> bool:
-        """True if it is a departure from an ideal, which cannot be below 0."""
+        """True if it is a deviation from an ideal, which cannot be below 0."""
         return self.kind in ONE_SIDED
 
     def as_stated(self) -> "Characteristic":
-        """Return the characteristic with stated limits: measured, if those were all it lacked."""
+        """Return the characteristic as if its limits were stated; measured if only these lacked."""
         if not self.exempt.startswith(GENERAL):
             return self
         return replace(self, exempt="", is_measured=True)
@@ -233,13 +232,14 @@ class Look:
 
     Attributes
     ----------
-    view_id, lamp : which picture; the lamp is ``backlit`` before the panel
-    measured_mm : value
+    view_id, lamp : the picture; the lamp is ``backlit`` before the panel
+    measured_mm : measured value
     u_mm : its standard uncertainty
-    reason : why it does not count; empty where it does
-    budget : standard uncertainties that `u_mm` is made of, by name [mm]
-    points_px, accepted : (n, 2) edge points found, and (n,) bool as int 0 or 1, for the report
-    shape_px : (k, 2) the fitted shape in the picture, for the report
+    reason : reason why it does not count; empty where it does
+    budget : standard uncertainties that make up `u_mm`, by name [mm]
+    points_px, accepted : (n, 2) edge points found, and (n,) 1 for those accepted, else 0, for the
+        report
+    shape_px : (k, 2) fitted shape in the picture, for the report
     """
 
     view_id: str
@@ -259,14 +259,14 @@ class Measured:
 
     Attributes
     ----------
-    characteristic : what was asked
-    measured_mm : value; None where it was not evaluated
-    U_mm : expanded uncertainty, k = 2; None likewise
+    characteristic : the characteristic
+    measured_mm : measured value; None where it was not evaluated
+    U_mm : expanded uncertainty, k = 2; None where it was not evaluated
     verdict : by guard bands (ISO 14253-1), see `controller.inspection.characteristics.decide`
-    views : views it comes from
-    reason : why it was not evaluated or stays open, or which limit it is beyond
-    looks : picture by picture
-    is_disputed : looks contradict each other, or one that is required is missing
+    views : views that contributed to it
+    reason : reason why it was not evaluated or remains open, or the limit that it exceeds
+    looks : measurements picture by picture
+    is_disputed : True if looks contradict each other, or a required one is missing
     """
 
     characteristic: Characteristic

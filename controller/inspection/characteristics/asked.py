@@ -1,6 +1,6 @@
-"""Requests of a recipe or a set of views on characteristics: limits of their own, or none.
+"""Entries of a recipe or a set of views on characteristics: own limits, additions, exclusions.
 
-An entry names characteristics as people read them in the list, or by faces, or by kind and place.
+An entry names characteristics by their names in the list, by faces, or by kind and place.
 """
 
 import difflib
@@ -20,8 +20,8 @@ from .derive import derive
 from .drafting import between, pair_characteristic
 from .limits import ToleranceClass, fit_limits_mm
 
-NEAR_MM: Final = 1.0  # distance within which a given place means an axis or edges
-SAME_SIZE: Final = 0.1  # largest difference of a given size, as a share
+NEAR_MM: Final = 1.0  # largest distance of a given place from the axis or edges that it means
+SAME_SIZE: Final = 0.1  # largest difference of a given size, as a share of the nominal one
 PARALLEL_COS: Final = float(np.cos(np.radians(5.0)))
 MAX_NAMED: Final = 3
 LEFT_OUT: Final = "left out by the "
@@ -29,7 +29,7 @@ _NUMBER = re.compile(r" \(\d+\)")
 
 
 class AskedError(ValueError):
-    """An entry names something that the part lacks, or makes no sense."""
+    """An entry names something that the part lacks, or is inconsistent."""
 
     def __init__(self, index: int, problem: str) -> None:
         super().__init__(problem)
@@ -42,17 +42,17 @@ class Asked:
 
     Attributes
     ----------
-    name : id of a characteristic; without its number of all alike; without its kind of a feature
-    faces : ids: of a round feature, or the two planes of a distance
-    kind : what is asked for; None for whatever the name says
+    name : id of a characteristic; without the number, of all alike; without the kind, of a feature
+    faces : ids of the faces of a round feature, or of the two planes of a distance
+    kind : kind asked for; None for the kind in the name
     p_part_mm, axis : (3,) place and axis or direction in the CAD frame, where no name is given
-    nominal_mm : None for that of the CAD model
+    nominal_mm : nominal value; None for that of the CAD model
     lower_mm, upper_mm : limits of the value
-    plus_mm, minus_mm : how far it may be above and below its nominal value
-    fit : class of tolerance, as ``H7``
-    is_critical : two independent looks must agree, whatever the drawing says
-    ignore : why it is left out; empty where it is not
-    source : where the entry stands, as ``recipe``
+    plus_mm, minus_mm : permitted deviations above and below the nominal value
+    fit : tolerance class, such as ``H7``
+    is_critical : True if two independent looks must agree, whatever the drawing states
+    ignore : reason for leaving it out; empty where it is not
+    source : origin of the entry, such as ``recipe``
     """
 
     name: str = ""
@@ -83,19 +83,19 @@ def characteristics_of(
     given: Sequence[Asked] | None = None,
     changes: Sequence[Asked] = (),
 ) -> tuple[Characteristic, ...]:
-    """Return the characteristics to be measured on a part.
+    """Return the characteristics to measure on a part.
 
     Parameters
     ----------
     part : its CAD model
-    tolerance_class : of ISO 2768-1, for all that has no limits of its own
-    given : only these are measured, in this order; None for all that follow from the CAD model
-    changes : limits of the recipe, what it leaves out, and distances that it adds
+    tolerance_class : class of ISO 2768-1, for characteristics without limits of their own
+    given : the only ones to measure, in this order; None for all that follow from the CAD model
+    changes : limits, exclusions and added distances of the recipe
 
     Raises
     ------
-    AskedError : an entry names what the part does not have, or has limits that make no sense; it
-        says which by its index in `changes`, then in `given`
+    AskedError : an entry names something that the part lacks, or has inconsistent limits; the error
+        gives its index in `changes`, then in `given`
     """
     solid = part.solid if isinstance(part, CompiledPart) else part
     known = list(derive(part, tolerance_class))
@@ -124,7 +124,7 @@ def _found(
     index: int,
     tolerance_class: ToleranceClass,
 ) -> list[int]:
-    """Return the indices of the known characteristics an entry means; it may add a distance."""
+    """Return the indices of the known characteristics that an entry means; may add a distance."""
     if asked.faces:
         return _by_faces(solid, known, asked, index, tolerance_class)
     if asked.p_part_mm is not None:
@@ -149,7 +149,7 @@ def _found(
 
 
 def _names(characteristic: Characteristic) -> set[str]:
-    """Return the possible names of a characteristic, in small letters."""
+    """Return the possible names of a characteristic, in lower case."""
     full = characteristic.id.lower()
     feature = full.removesuffix(f" {characteristic.kind.value}")
     return {full, feature, _NUMBER.sub("", full), _NUMBER.sub("", feature)}
@@ -173,7 +173,7 @@ def _by_faces(
         if wanted <= set(c.faces) and (asked.kind is None or c.kind == asked.kind)
     ]
     if found:
-        # what is measured of the faces is meant, if anything is
+        # Prefer the measured characteristics of the faces, if there are any.
         return [at for at in found if known[at].is_measured] or found
     names = " and ".join(f"F{i}" for i in asked.faces)
     if len(asked.faces) == 2:
@@ -208,7 +208,7 @@ def _by_place(known: list[Characteristic], asked: Asked, index: int) -> int:
 def _distance_mm(
     characteristic: Characteristic, p_mm: FloatArray, axis: FloatArray | None
 ) -> float:
-    """Return the distance of a point from a characteristic's rim axis, or from its edges' span."""
+    """Return the distance of a point from a characteristic's rim axis, or from its edges."""
     geometry = characteristic.geometry
     middle, own = place_of(geometry)
     if axis is not None and abs(float(axis @ own)) < PARALLEL_COS * float(np.linalg.norm(axis)):

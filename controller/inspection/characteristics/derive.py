@@ -15,8 +15,8 @@ def derive(
 
     Parameters
     ----------
-    part : its CAD model; the limits that its file states come with a compiled part
-    tolerance_class : of ISO 2768-1, for all that has no limits of its own
+    part : its CAD model; a compiled part carries the limits stated in its file
+    tolerance_class : class of ISO 2768-1, for characteristics without limits of their own
     """
     if not isinstance(part, CompiledPart):
         return nominal_characteristics(part, find_features(part), tolerance_class)

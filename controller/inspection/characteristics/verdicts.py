@@ -1,4 +1,4 @@
-"""The verdict on one characteristic, and the effect of all of them on a PASS (ADR 28)."""
+"""Verdict on a characteristic, and the effect of all characteristics on a PASS (ADR 28)."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -18,14 +18,14 @@ from .limits import (
 )
 
 UM_PER_MM: Final = 1000.0
-MAX_NAMED: Final = 3  # optional characteristics that are named one by one
-# Number of one characteristic among similar ones.
+MAX_NAMED: Final = 3  # largest number of optional characteristics named one by one
+# Number of a characteristic among similar ones.
 OWN_NUMBER: Final = re.compile(r" (?:\(\d+\)|F\d+(?: \w+ F\d+)?)")
-# Beyond its limits by so much a general tolerance is plainly missed: by half its own width again,
-# and by no more than this, so that a face 0.5 mm off is, where 0.3 mm are allowed.
+# Excess over its limits from which a general tolerance is plainly missed: half its width, and at
+# most this value, so that a face 0.5 mm off counts as missed where 0.3 mm are allowed.
 GROSS_SHARE: Final = 0.5
 GROSS_MM: Final = 0.15
-GROSS_PROBABILITY: Final = 0.99  # probability with which a value has to exclude a plain miss
+GROSS_PROBABILITY: Final = 0.99  # probability with which a value must exclude a plain miss
 BADNESS: Final = {
     Verdict.PASS: 0,
     Verdict.NOT_EVALUATED: 1,
@@ -36,14 +36,14 @@ BADNESS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Standing of a part by its characteristics.
+    """Verdict on a part by its characteristics.
 
     Attributes
     ----------
-    verdict : FAIL where one is proven beyond its limits, INDETERMINATE where one that a PASS needs
-        is open, else PASS
-    reasons : why it is no PASS, in sentences
-    unproven : what a PASS does not say, in sentences: characteristics that were not verified
+    verdict : FAIL where a characteristic is proven beyond its limits, INDETERMINATE where one
+        that a PASS needs is open, else PASS
+    reasons : reasons against a PASS, in sentences
+    unproven : characteristics that a PASS does not cover since they were not verified, in sentences
     """
 
     verdict: Verdict
@@ -62,13 +62,13 @@ def verdict_of(
     U_mm: float,
     probability: float = CONFORMANCE_PROBABILITY,
 ) -> Verdict:
-    """Return the verdict on a measured value; one with an ideal of 0 has no lower limit.
+    """Return the verdict on a measured value; a deviation from an ideal has no lower limit.
 
     Parameters
     ----------
-    characteristic : with its limits
+    characteristic : the characteristic, with its limits
     measured_mm, U_mm : value and expanded uncertainty (k = 2); rad for an angle
-    probability : as `decide` has it
+    probability : see `decide`
     """
     lower = None if characteristic.is_one_sided else characteristic.lower_mm
     return decide(measured_mm, U_mm, lower, characteristic.upper_mm, probability)
@@ -77,23 +77,23 @@ def verdict_of(
 def with_capability(
     characteristics: Iterable[Characteristic], station: Station, accuracy: Accuracy
 ) -> tuple[Characteristic, ...]:
-    """Return characteristics, with general tolerances marked that the cell cannot verify.
+    """Return characteristics, with general tolerances that the cell cannot verify marked.
 
-    Where twice the uncertainty promised is more than the whole tolerance, the characteristic is not
-    measured at all. Tolerances that a person or a drawing has stated stay as they are: a recipe
-    that states less than the cell can verify is refused before it runs.
+    Where twice the promised uncertainty exceeds the whole tolerance, the characteristic is not
+    measured at all. Tolerances stated by a person or a drawing remain as they are: a recipe with
+    narrower tolerances than the cell can verify is refused before it runs.
 
     Parameters
     ----------
-    characteristics : of a part
-    station, accuracy : of the cell
+    characteristics : characteristics of a part
+    station, accuracy : station and accuracy of the cell
     """
     marked = []
     for one in characteristics:
         found = capability_of(one, station, accuracy)
         if one.is_general and not one.exempt and not found.is_capable:
             promise = f"the cell promises U = {found.U_mm * UM_PER_MM:.0f} um"
-            if found.share > 1.0:  # then a value within its limits says nothing
+            if found.share > 1.0:  # even a value within its limits would prove nothing
                 exempt = f"{promise}, and 2 U is more than the whole tolerance"
                 one = replace(one, exempt=exempt, is_measured=False)
             else:
@@ -104,17 +104,17 @@ def with_capability(
 
 
 def standing_of(measured: Sequence[Measured]) -> Standing:
-    """Return the standing of a part by its measured characteristics.
+    """Return the verdict on a part by its measured characteristics.
 
-    Each that a PASS needs has to be proven, but for general tolerances, which nobody stated: there
-    a value within the limits will do where it proves that they are not plainly missed
-    (`is_near_enough`). A value beyond them that is not proven to be wrong is for a person to look
-    at. One that no picture shows, or that the recipe leaves out, is not asked for. One that is not
-    required may also stay unmeasured.
+    Each characteristic that a PASS needs must be proven. Under a general tolerance, which nobody
+    stated, a value within the limits is enough if it excludes a plain miss (`is_near_enough`); a
+    value beyond the limits that is not proven wrong is left to a person. A characteristic that no
+    picture shows, or that the recipe leaves out, is not needed. One that is not required may also
+    remain unmeasured.
 
     Parameters
     ----------
-    measured : all characteristics of a part
+    measured : all measured characteristics of a part
     """
     failed, still_open, unproven = [], [], []
     optional: list[str] = []

@@ -1,4 +1,4 @@
-"""A part dimensioned as on a drawing: holes, planes, rounds; then the limits a drawing states."""
+"""Dimensioning of a part as on a drawing: holes, planes, rounds; then the stated limits."""
 
 from .drawn import with_drawn
 from .planes import PlanePair, between

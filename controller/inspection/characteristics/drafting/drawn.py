@@ -1,7 +1,7 @@
-"""Limits stated by a drawing in the CAD file (STEP AP242), applied to the characteristics.
+"""Application of the limits stated in the CAD file (STEP AP242) to the characteristics.
 
-They go before general tolerances. What they name is found by its faces: a diameter by its wall, a
-distance by its two planes.
+They take precedence over general tolerances. Each is matched to a characteristic by its faces: a
+diameter by its wall, a distance by its two planes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,8 +25,9 @@ from .planes import between
 from .writer import pair_characteristic
 
 SOURCE: Final = "AP242"
-DIGITS: Final = 6  # decimals kept: inches make long decimals
-SAME_SIZE_MM: Final = 0.05  # a dimension whose nominal value differs is of something else
+DIGITS: Final = 6  # number of decimals kept; sizes in inches have many
+# Largest difference of nominal values between a drawing's dimension and its characteristic.
+SAME_SIZE_MM: Final = 0.05
 ROUND: Final = {
     "diameter": CharacteristicKind.DIAMETER,
     "radius": CharacteristicKind.RADIUS,
@@ -42,14 +43,14 @@ def with_drawn(
     tolerances: Sequence[Tolerance],
     tolerance_class: ToleranceClass,
 ) -> tuple[Characteristic, ...]:
-    """Return characteristics with a drawing's limits; its other distances are added.
+    """Return characteristics with a drawing's limits, and the further distances of the drawing.
 
     Parameters
     ----------
     solid : the part
-    characteristics : of it, with general tolerances
-    tolerances : of its file
-    tolerance_class : for what is added and has no limits
+    characteristics : its characteristics, with general tolerances
+    tolerances : tolerances of its file
+    tolerance_class : class for added characteristics without limits
     """
     found = list(characteristics)
     for tolerance in tolerances:
@@ -87,10 +88,10 @@ def _put_dimension(
 
 
 def _joins(characteristic: Characteristic, drawn: Dimension) -> bool:
-    """Return True if a distance is between the ends that a drawing names."""
+    """Return True if a distance lies between the faces that a drawing names."""
     geometry = characteristic.geometry
     if isinstance(geometry, EdgePairGeometry) and geometry.one_face == geometry.other_face:
-        return False  # the size of a feature that nothing measures
+        return False  # the size of an unmeasured feature
     ends = set(characteristic.faces)
     if drawn.other_faces:
         return bool(ends & set(drawn.faces)) and bool(ends & set(drawn.other_faces))
@@ -105,7 +106,7 @@ def _limited(characteristic: Characteristic, drawn: Dimension) -> Characteristic
         try:
             lower, upper = fit_limits_mm(drawn.fit, drawn.nominal)
         except ValueError:
-            return characteristic  # a class that is not known here: the general tolerance stays
+            return characteristic  # unknown class: the general tolerance remains
     return replace(
         characteristic.as_stated(),
         nominal_mm=round(drawn.nominal, DIGITS),
@@ -121,10 +122,10 @@ def _put_positions(
     zones: Sequence[GeometricTolerance],
     datums: Mapping[str, tuple[int, ...]],
 ) -> None:
-    """Limit axes to half the width of their zones of position, from the drawing's datums.
+    """Limit the positions of axes to half their tolerance zones, from the drawing's datums.
 
-    Where a drawing has a round zone and a flat one, the round one counts: what is measured is how
-    far the axis is off, in no direction of its own. More room at the least material is not used.
+    Where a drawing has a round and a flat zone, the round one counts: the measured value is the
+    deviation of the axis in any direction. No bonus tolerance is used.
     """
     for i, c in enumerate(found):
         mine = [zone for zone in zones if set(c.faces) & set(zone.faces)]
@@ -146,13 +147,13 @@ def _put_positions(
 def _datum_rims(
     found: Sequence[Characteristic], placed: Characteristic, faces: set[int]
 ) -> tuple[Rim, ...]:
-    """Return the rims of the round datum along an axis; none where the datums are all planes."""
+    """Return the rims of the round datum along an axis; none where all datums are planes."""
     _, axis = place_of(placed.geometry)
     for c in found:
         if c.kind != CharacteristicKind.DIAMETER or not set(c.faces) & faces:
             continue
         if not isinstance(c.geometry, RimGeometry):
-            continue  # no rim shows it
+            continue  # no visible rim
         if set(c.faces) != set(placed.faces) and abs(float(place_of(c.geometry)[1] @ axis)) > (
             COAXIAL_COS
         ):

@@ -1,4 +1,4 @@
-"""Holes and outer cylinders of a part: walls on one axis, their name, where they open."""
+"""Holes and outer cylinders of a part: coaxial walls, their name and their mouth."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,8 +15,9 @@ from ..edges import RoundWall
 from ..edges.rims import COAXIAL_COS, SAME_MM, are_coaxial
 from .sheet import size_text
 
-MIN_DIAMETER_RAD: Final = np.radians(190.0)  # drawings dimension arcs up to a half by their radius
-MIN_DEPTH_MM: Final = 0.5  # shallower walls are marks and letters
+# Least sweep of a wall with a diameter; drawings give the radius of arcs up to a half circle.
+MIN_DIAMETER_RAD: Final = np.radians(190.0)
+MIN_DEPTH_MM: Final = 0.5  # least depth of a wall; shallower ones are marks and letters
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -25,11 +26,12 @@ class RoundFeature:
 
     Attributes
     ----------
-    walls : narrowest first, outer ones widest first; each has a rim of more than half a circle
-    axis : (3,) unit, out of its mouth: the side where its widest rim is, of two alike the one
+    walls : walls of a hole from the narrowest, of an outer cylinder from the widest; each has a rim
+        of more than half a circle
+    axis : (3,) unit, out of its mouth: the side of its widest rim; of two equal ones, the one
         towards the positive side of the axis
-    centre_mm : (3,) of the rim at the mouth
-    is_hole : else it is an outer cylinder
+    centre_mm : (3,) centre of the rim at the mouth
+    is_hole : True for a hole, False for an outer cylinder
     """
 
     walls: tuple[RoundWall, ...]
@@ -39,12 +41,12 @@ class RoundFeature:
 
     @property
     def name(self) -> str:
-        """Kind and size, as in ``hole 6.76 mm``."""
+        """Kind and size, such as ``hole 6.76 mm``."""
         return f"{'hole' if self.is_hole else 'boss'} {size_text(2 * self.walls[0].radius_mm)}"
 
 
 def diameter_rims(wall: RoundWall) -> tuple[Rim, ...]:
-    """Return the rims of a wall that go round by more than a half."""
+    """Return the rims of a wall that sweep more than half a circle."""
     return tuple(rim for rim in wall.rims if rim.sweep_rad > MIN_DIAMETER_RAD)
 
 
@@ -76,9 +78,9 @@ def round_features(solid: Solid, walls: tuple[RoundWall, ...]) -> tuple[RoundFea
 
 
 def _near_axes(walls: list[RoundWall]) -> list[tuple[int, int]]:
-    """Return the pairs of hole walls that may share an axis, by where it passes the origin.
+    """Return the pairs of hole walls that may share an axis, by its nearest point to the origin.
 
-    A plate has a thousand bores; comparing each with each would grow as their square.
+    A plate may have a thousand bores, and comparing all pairs would take quadratic time.
     """
     holes = [i for i, wall in enumerate(walls) if wall.is_hole]
     if len(holes) < 2:
@@ -87,14 +89,14 @@ def _near_axes(walls: list[RoundWall]) -> list[tuple[int, int]]:
     axes = np.array([walls[i].axis for i in holes])
     along = (centres * axes).sum(axis=1)
     feet = centres - along[:, None] * axes
-    # axes that count as one lean against each other, which grows with the way to the origin
+    # Coaxial walls may be slightly inclined, and the offset grows with the distance to the origin.
     lean = 2 * float(np.sqrt(1 - COAXIAL_COS**2)) * float(np.abs(along).max())
     pairs = cKDTree(feet).query_pairs(SAME_MM + lean)
     return sorted((holes[i], holes[j]) for i, j in pairs)
 
 
 def inner_faces(solid: Solid, features: Iterable[RoundFeature]) -> frozenset[int]:
-    """Return the ledges and bottoms of holes: faces with no edge but those of hole walls."""
+    """Return the ledges and bottoms of holes: faces all of whose edges belong to hole walls."""
     inside = {i for f in features if f.is_hole for wall in f.walls for i in wall.faces}
     beside = _neighbours(solid)
     return frozenset(
@@ -110,8 +112,8 @@ def ends_inside(solid: Solid, wall: RoundWall, inner: frozenset[int]) -> bool:
     Parameters
     ----------
     solid : the part
-    wall : of a hole
-    inner : as `inner_faces` has it
+    wall : wall of a hole
+    inner : faces from `inner_faces`
     """
     b = solid.boundary
     of_wall = np.isin(b.face, wall.faces)

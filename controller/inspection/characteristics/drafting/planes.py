@@ -1,10 +1,10 @@
-"""Distances between parallel planes, chosen as on a drawing: each plane once, no closed chain.
+"""Distances between parallel planes, as on a drawing: each plane once, no closed chain.
 
-In each direction in which a part has parallel planes, they are joined one by one, in this order:
-the outermost two (the length over all), planes that face each other across a gap (widths), planes
-with material between them (thicknesses), and at last each plane that is left with the datum of the
-direction, the larger one of the outermost two (steps). A distance between two planes that are
-joined already would follow from others, and is left out.
+In each direction with parallel planes, these are joined one by one, in this order: the outermost
+two (overall length), planes that face each other across a gap (widths), planes with material
+between them (thicknesses), and finally each remaining plane with the datum of the direction, the
+larger of the outermost two (steps). A distance between planes that are already joined would follow
+from others, and is left out.
 """
 
 from collections.abc import Iterator
@@ -22,14 +22,15 @@ from ..edges import convex_lines, plane_rims
 from ..edges.profile import Profile
 from ..edges.rims import COAXIAL_COS
 
-MIN_AREA_MM2: Final = 10.0  # letters and the ledges of small screws are smaller
+# Least area of a dimensioned plane; letters and the ledges of small screws are smaller.
+MIN_AREA_MM2: Final = 10.0
 SAME_LEVEL_MM: Final = 0.02
-MIN_DISTANCE_MM: Final = 0.5  # where ISO 2768-1 begins
-MIN_SHARE: Final = 0.5  # least share of the smaller plane opposite the other
+MIN_DISTANCE_MM: Final = 0.5  # smallest size in ISO 2768-1
+MIN_SHARE: Final = 0.5  # least share of the smaller plane that lies opposite the other
 SAMPLES_PER_MM2: Final = 1.0 / 16.0
 MIN_SAMPLES: Final = 24
 OFF_MM: Final = 0.02
-MAX_EDGES: Final = 8  # edges used of a plane; more lines of one plane add little
+MAX_EDGES: Final = 8  # largest number of edges used per plane; more add little
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -38,10 +39,10 @@ class PlanePair:
 
     Attributes
     ----------
-    kind, word : what it is, and what people call it
-    distance_mm : nominal
-    geometry : edges of both that show from one side
-    hidden : why no view can show both; empty where one can
+    kind, word : kind of distance, and its name for people
+    distance_mm : nominal distance
+    geometry : edges of both planes that one side shows
+    hidden : reason why no view can show both; empty where one can
     """
 
     kind: CharacteristicKind
@@ -64,12 +65,12 @@ class _Plane:
 
 
 def plane_pairs(solid: Solid, left_out: frozenset[int]) -> list[PlanePair]:
-    """Return the distances between planes that a drawing would have.
+    """Return the distances between planes that a drawing would give.
 
     Parameters
     ----------
     solid : the part
-    left_out : faces of chamfers and inside holes, which are dimensioned otherwise
+    left_out : faces of chamfers and inside holes, which have other dimensions
     """
     caster = RayCaster(solid.mesh)
     opposite = _Opposites(solid, caster)
@@ -85,12 +86,12 @@ def plane_pairs(solid: Solid, left_out: frozenset[int]) -> list[PlanePair]:
 
 
 def between(solid: Solid, one: int, other: int) -> PlanePair | None:
-    """Return the distance between two planes, None if they are not parallel or at one level.
+    """Return the distance between two planes; None if they are not parallel, or at one level.
 
     Parameters
     ----------
     solid : the part
-    one, other : their ids
+    one, other : ids of the planes
     """
     faces = [solid.faces[i] for i in (one, other)]
     if any(face.kind != "plane" for face in faces):
@@ -108,7 +109,7 @@ def between(solid: Solid, one: int, other: int) -> PlanePair | None:
 
 
 class _Edges:
-    """The edges of a part by the planes that they lie in."""
+    """Edges of a part by the planes that contain them."""
 
     def __init__(self, solid: Solid) -> None:
         self._solid = solid
@@ -130,7 +131,7 @@ class _Edges:
 
 
 def _directions(solid: Solid, left_out: frozenset[int]) -> Iterator[tuple[FloatArray, list[int]]]:
-    """Yield each direction with two planes or more, and the planes square to it."""
+    """Yield each direction with two or more planes, and the planes square to it."""
     todo = [
         face
         for face in solid.faces
@@ -147,14 +148,14 @@ def _directions(solid: Solid, left_out: frozenset[int]) -> Iterator[tuple[FloatA
 
 
 class _Opposites:
-    """Pairs of planes that lie opposite each other, through air and through material."""
+    """Pairs of planes opposite each other, across air and across material."""
 
     def __init__(self, solid: Solid, caster: RayCaster) -> None:
         spacing = 1.0 / np.sqrt(SAMPLES_PER_MM2)
         samples = sample_surface(solid, spacing, MIN_SAMPLES)
         totals = np.bincount(samples.face_ids, minlength=len(solid.faces))
         self._through: list[dict[tuple[int, int], float]] = []
-        for sign in (1.0, -1.0):  # out of the surface: a gap; into it: material
+        for sign in (1.0, -1.0):  # outwards, across a gap; inwards, through material
             directions = sign * samples.normals
             triangle, _ = caster.first_hit(samples.points_mm + OFF_MM * directions, directions)
             hit = triangle >= 0
@@ -178,7 +179,7 @@ _Joined = tuple[_Plane, _Plane, CharacteristicKind, str]
 def _joined(
     solid: Solid, direction: FloatArray, planes: list[_Plane], opposite: _Opposites
 ) -> list[_Joined]:
-    """Return the planes of one direction that are dimensioned together, and as what."""
+    """Return the dimensioned pairs of planes of one direction, and their kinds."""
     reach = np.asarray(solid.mesh.vertices) @ direction
     ends = [
         [
@@ -224,7 +225,7 @@ def _joined(
             continue
         if high.level_mm - low.level_mm < MIN_DISTANCE_MM:
             if abs(high.level_mm - low.level_mm) < SAME_LEVEL_MM:
-                root[first(high.face)] = first(low.face)  # one level needs no dimension
+                root[first(high.face)] = first(low.face)  # planes at one level need no dimension
             continue
         root[first(high.face)] = first(low.face)
         taken.append((low, high, kind, word))

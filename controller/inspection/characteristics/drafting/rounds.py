@@ -1,4 +1,4 @@
-"""Radii: fillets, rounds and other arcs of less than half a circle; and the length of slots."""
+"""Radii of fillets, rounds and other arcs of less than half a circle, and lengths of slots."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,8 +13,9 @@ from .._types import Rim
 from ..edges import RoundWall
 from .holes import MIN_DEPTH_MM, MIN_DIAMETER_RAD
 
-MIN_ARC_RAD: Final = np.radians(60.0)  # the radius of a shorter arc is lost in its own noise
-MIN_RADIUS_MM: Final = 0.5  # where ISO 2768-1 begins
+# Least sweep of an arc whose radius is measured; that of a shorter arc is lost in its noise.
+MIN_ARC_RAD: Final = np.radians(60.0)
+MIN_RADIUS_MM: Final = 0.5  # smallest radius in ISO 2768-1
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -26,13 +27,13 @@ class Round:
 
     @property
     def name(self) -> str:
-        """Kind of round: a fillet in an inner corner, a round about an outer one."""
+        """Kind of round: a fillet in an inner corner, a round on an outer one."""
         return "fillet" if self.wall.is_hole else "round"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RoundSlot:
-    """A slot or keyway with round ends: its name, faces, sizes, rims of both ends, open side."""
+    """A slot or keyway with round ends: name, faces, sizes, rims of both ends, and open side."""
 
     word: str
     faces: tuple[int, ...]
@@ -43,12 +44,12 @@ class RoundSlot:
 
 
 def rounds(walls: Sequence[RoundWall], features: Sequence[Feature]) -> list[Round]:
-    """Return the arcs between 60 degrees and more than a half, but for the ends of slots.
+    """Return the arcs from 60 degrees to just over a half circle, except the ends of slots.
 
     Parameters
     ----------
     walls : round walls of a part
-    features : of the same part; a slot's ends belong to its width
+    features : features of the same part; a slot's ends belong to its width
     """
     slotted = {i for f in features if f.kind in ("slot", "keyway") for i in f.faces}
     found = []
@@ -62,7 +63,7 @@ def rounds(walls: Sequence[RoundWall], features: Sequence[Feature]) -> list[Roun
 
 
 def round_slots(walls: Sequence[RoundWall], features: Sequence[Feature]) -> list[RoundSlot]:
-    """Return the slots with round ends whose both ends show.
+    """Return the slots with round ends that are both visible.
 
     Parameters
     ----------
@@ -77,7 +78,7 @@ def round_slots(walls: Sequence[RoundWall], features: Sequence[Feature]) -> list
         if len(ends) != 2 or not all(end.rims for end in ends):
             continue
         axis = -feature.axis
-        # those of the mouth first; a slot that goes through shows at its other side, too
+        # Rims of the mouth come first; a through slot shows on its other side too.
         rims = sorted((r for end in ends for r in end.rims), key=lambda r: -float(r.axis @ axis))
         found.append(
             RoundSlot(

@@ -1,4 +1,4 @@
-"""Reading order of a drawing: view by view, each row by row from its top left."""
+"""Reading order of a drawing: view by view, and in each row by row from the top left."""
 
 from typing import Final
 
@@ -6,13 +6,14 @@ import numpy as np
 
 from controller.arrays import FloatArray
 
-HALF_UP_MM: Final = 1e-4  # 15.875 of a mesh may be 15.8749: such halves are rounded up
-ROW_MM: Final = 1.0  # what is level to a millimetre reads as one row
+# Amount added before rounding, since a nominal 15.875 may be 15.8749 in a mesh.
+HALF_UP_MM: Final = 1e-4
+ROW_MM: Final = 1.0  # height of a row; features level within it form one row
 AXES: Final = ((2, 1), (1, 1), (0, 1), (2, -1), (1, -1), (0, -1))  # the top view comes first
 
 
 def across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the directions right and up in the view against an axis (3,), both (3,)."""
+    """Return the right and up directions (3,) of the view against an axis (3,)."""
     main = int(np.abs(axis).argmax())
     up = np.eye(3)[1 if main == 2 else 2]
     up = up - (up @ axis) * axis
@@ -36,5 +37,5 @@ def reading_order(axis: FloatArray, p_mm: FloatArray) -> tuple[int, int, int, in
 
 
 def size_text(size_mm: float) -> str:
-    """Return a size as on drawings, such as ``6.76 mm``."""
+    """Return a size as written on drawings, such as ``6.76 mm``."""
     return f"{round(size_mm + HALF_UP_MM, 2):g} mm"

@@ -1,8 +1,8 @@
-"""Sizes of features without a measurement: each is listed, with the reason.
+"""List of unmeasured sizes of features, each with the reason.
 
-A feature of the CAD model has a diameter or a width, a position and a depth, whatever a picture
-shows of it. Here the sizes of all features are held against the characteristics that are measured;
-what none of these says is named, so that a PASS can name it.
+A feature of the CAD model has a diameter or a width, a position and a depth, whether a picture
+shows them or not. This module compares the sizes of all features with the measured
+characteristics, and lists those not covered, so that a PASS can name them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -44,14 +44,14 @@ _KIND = CharacteristicKind
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Unmeasured:
-    """A size of a feature without a measurement.
+    """An unmeasured size of a feature.
 
     Attributes
     ----------
-    kind, name, size_mm : what it is, what people call it, nominal; 0 for a position
-    faces : it is of
-    geometry : its place and axis, without edges
-    reason : why it is not measured
+    kind, name, size_mm : kind, name for people, and nominal value; 0 for a position
+    faces : faces of the feature
+    geometry : place and axis, without edges
+    reason : reason why it is not measured
     """
 
     kind: CharacteristicKind
@@ -68,12 +68,12 @@ def unmeasured(
     walls: Sequence[RoundWall],
     rows: Sequence[Characteristic],
 ) -> list[Unmeasured]:
-    """Return the sizes of features that no characteristic covers, feature by feature.
+    """Return the sizes of features not covered by a characteristic, feature by feature.
 
     Parameters
     ----------
-    solid, features, walls : of the part
-    rows : its characteristics
+    solid, features, walls : solid, features and round walls of the part
+    rows : characteristics of the part
     """
     known = _Known(solid, rows, walls)
     return [
@@ -125,7 +125,7 @@ def _round(feature: Feature, known: "_Known") -> Iterator[_Wanted]:
                 if not known.has(step.face, kind):
                     yield name, word, kind, size, faces, known.why_no_rim(step, kind)
         elif step.kind == "cone" and step.diameter_mm > widest + SAME_LEVEL_MM:
-            # the tip of a drilled hole is no wider than its wall
+            # The tip of a drilled hole is no wider than its wall.
             yield name, "diameter", _KIND.DIAMETER, step.diameter_mm, faces, CONE
     if feature.kind == "boss":
         if not known.is_placed(feature.ends, feature.faces):
@@ -172,7 +172,7 @@ def _recess(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted
 
 
 class _Known:
-    """Known characteristics of a part, by face, and the planes that they join."""
+    """Characteristics of a part by face, and the planes that they join."""
 
     def __init__(
         self, solid: Solid, rows: Sequence[Characteristic], walls: Sequence[RoundWall]
@@ -196,7 +196,7 @@ class _Known:
         self._is_plane = np.array([face.kind == "plane" for face in solid.faces])
 
     def has(self, face: int, *kinds: CharacteristicKind) -> bool:
-        """Return True if a face has a characteristic of one of some kinds."""
+        """Return True if a face has a characteristic of any of some kinds."""
         return not self._kinds.get(face, set()).isdisjoint(kinds)
 
     def has_depth(self, faces: Sequence[int]) -> bool:
@@ -208,16 +208,16 @@ class _Known:
         return any(own <= set(faces) for own in self._lengths)
 
     def are_joined(self, one: int, other: int) -> bool:
-        """Return True if the distance of two planes follows from characteristics."""
+        """Return True if the distance between two planes follows from characteristics."""
         return bool(self._level[one] == self._level[other])
 
     def is_placed(self, planes: Sequence[int], own: Sequence[int]) -> bool:
-        """Return True if characteristics fix the distance of planes from others of the part.
+        """Return True if characteristics give the distance of planes from other planes of the part.
 
         Parameters
         ----------
-        planes : ids; each has to be placed
-        own : faces of the same feature, which place nothing
+        planes : ids of the planes, all of which must be placed
+        own : faces of the same feature, which do not count as references
         """
         others = self._is_plane.copy()
         others[list(own)] = False
@@ -226,7 +226,7 @@ class _Known:
         )
 
     def why_no_rim(self, step: FeatureWall, kind: CharacteristicKind) -> str:
-        """Return the reason for a hole's or boss's wall without a diameter or a position."""
+        """Return the reason why a wall of a hole or boss lacks a diameter or a position."""
         wall = self._wall.get(step.face)
         if kind is _KIND.POSITION and self.has(step.face, _KIND.DIAMETER):
             return OWN_DATUM
@@ -238,7 +238,7 @@ class _Known:
 
 
 def _levels(solid: Solid) -> list[tuple[int, int]]:
-    """Return the pairs of planes that are parallel and at one level: no size lies between them."""
+    """Return the pairs of parallel planes at one level, with no size between them."""
     planes = [face for face in solid.faces if face.kind == "plane"]
     if len(planes) < 2:
         return []

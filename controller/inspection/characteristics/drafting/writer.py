@@ -1,4 +1,4 @@
-"""The characteristics of a part, as a drafter would write them: choice, datums, order.
+"""Characteristics of a part as a drafter would give them: choice, datums, order.
 
 The rules in words: docs/characteristics.md.
 """
@@ -37,20 +37,20 @@ from .sheet import across, reading_order, size_text
 from .unmeasured import NO_DEPTH, Unmeasured, unmeasured
 
 SAME_SIZE_MM = 0.01
-NOMINAL_DIGITS = 3  # microns: what a mesh knows of its circles
+NOMINAL_DIGITS = 3  # decimals of a nominal value; circles of a mesh are good to microns
 FROM_OUTLINE = "from the outline"
-COAXIAL_MM = 0.5  # an axis nearer to its datum is meant to be on it
+COAXIAL_MM = 0.5  # distance below which an axis is meant to coincide with its datum
 
 
 def nominal_characteristics(
     solid: Solid, features: tuple[Feature, ...], tolerance_class: ToleranceClass
 ) -> tuple[Characteristic, ...]:
-    """Return the characteristics of a part with general tolerances, numbered from 1.
+    """Return a part's characteristics with general tolerances, numbered from 1.
 
     Parameters
     ----------
-    solid, features : of the part
-    tolerance_class : of ISO 2768-1
+    solid, features : solid and features of the part
+    tolerance_class : class of ISO 2768-1
     """
     walls = round_walls(solid)
     round_ones = round_features(solid, walls)
@@ -70,7 +70,7 @@ def nominal_characteristics(
 
 
 def numbered(names: list[str]) -> list[str]:
-    """Return names with ``(1)``, ``(2)`` ... appended to repeated ones."""
+    """Return names with ``(1)``, ``(2)`` and so on appended to repeated ones."""
     count = Counter(names)
     so_far: Counter[str] = Counter()
     unique = []
@@ -82,7 +82,7 @@ def numbered(names: list[str]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class _Writer:
-    """Writer of characteristics with the limits of one class of general tolerances."""
+    """Writer of characteristics with general tolerances of one class."""
 
     tolerance_class: ToleranceClass
 
@@ -171,7 +171,7 @@ class _Writer:
             datum = None
         reach = outline.reach_mm(wall, datum)
         if not wall.is_hole and reach < wall.radius_mm + SAME_SIZE_MM:
-            return found  # it is the outline itself
+            return found  # the outline itself
         whence = f"from {datum.name}" if datum is not None else FROM_OUTLINE
         geometry = RimGeometry(rims, diameter_rims(datum.walls[0]) if datum is not None else ())
         return [*found, self._placed(name, reach, whence, geometry, wall.faces)]
@@ -211,7 +211,7 @@ class _Writer:
         geometry: Geometry,
         faces: tuple[int, ...],
     ) -> Characteristic:
-        """Return the characteristic of a size; not measured where the class has no tolerance."""
+        """Return the characteristic of a size; unmeasured where the class has no tolerance."""
         nominal = round(size_mm, NOMINAL_DIGITS)
         table = radius_tolerance_mm if kind is CharacteristicKind.RADIUS else linear_tolerance_mm
         deviation = table(nominal, self.tolerance_class)
@@ -255,22 +255,22 @@ def _left_out(one: Characteristic, reason: str) -> Characteristic:
 
 
 def pair_characteristic(pair: PlanePair, tolerance_class: ToleranceClass) -> Characteristic:
-    """Return the characteristic of one distance.
+    """Return the characteristic of a distance.
 
     Parameters
     ----------
-    pair : two planes
-    tolerance_class : of ISO 2768-1
+    pair : the two planes
+    tolerance_class : class of ISO 2768-1
     """
     return _Writer(tolerance_class).of_pairs([pair])[0]
 
 
 def _datums(features: Sequence[RoundFeature]) -> list[RoundFeature | None]:
-    """Return the datum feature of each feature's position, None for the outline.
+    """Return the datum feature of each feature's position; None for the outline.
 
-    It is the hole or boss that a drawing would choose: of those along the same axis the largest
-    that is the only one of its size. A pattern of equal holes has no first one, and is placed from
-    the outline.
+    The datum is the hole or boss that a drawing would choose: the largest along the same axis that
+    is the only one of its size. A pattern of equal holes has no distinguished one, and is placed
+    from the outline.
     """
     datums: list[RoundFeature | None] = [None] * len(features)
     todo = list(range(len(features)))
@@ -288,7 +288,7 @@ def _datums(features: Sequence[RoundFeature]) -> list[RoundFeature | None]:
 
 
 def _is_single(sizes: Sequence[float], size: float) -> bool:
-    """Return True if sorted sizes have a size exactly once."""
+    """Return True if sorted sizes contain a size exactly once."""
     return bisect_left(sizes, size + SAME_SIZE_MM) - bisect_right(sizes, size - SAME_SIZE_MM) == 1
 
 
@@ -302,7 +302,7 @@ class _Outline:
     def reach_mm(self, wall: RoundWall, datum: RoundFeature | None) -> float:
         """Return the length whose tolerance applies to the position of a wall.
 
-        It is the distance of its axis from the datum; where both are one axis, its own diameter.
+        It is the distance of the wall's axis from the datum; for coincident axes, the diameter.
         """
         if datum is not None:
             offset = wall.centre_mm - datum.centre_mm
@@ -311,7 +311,7 @@ class _Outline:
         return self.to_sides_mm(wall.centre_mm, wall.axis)
 
     def to_sides_mm(self, p_mm: FloatArray, axis: FloatArray) -> float:
-        """Return the larger distance of an axis from the nearest sides of the part."""
+        """Return the larger of an axis's distances from the nearest sides of the part."""
         return max(self._to_side_mm(p_mm, way) for way in across(axis))
 
     def _to_side_mm(self, p_mm: FloatArray, direction: FloatArray) -> float:

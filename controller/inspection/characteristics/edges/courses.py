@@ -1,4 +1,4 @@
-"""Rims out of plane, where a slope, a shaft or another bore cuts a cylinder."""
+"""Non-planar rims, where a slope, a shaft or another bore cuts a cylinder."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -25,15 +25,15 @@ def course_rims(
     *,
     is_hole: bool,
 ) -> list[Rim]:
-    """Return the rims of a wall in outer edges that lie in no plane.
+    """Return the non-planar outer rims of a wall.
 
     Parameters
     ----------
     solid : the part
-    faces : of the wall
-    half_edges : on its side of its edges
-    axis, centre_mm, radius_mm : (3,), (3,), of the wall
-    is_hole : it faces its axis
+    faces : faces of the wall
+    half_edges : half-edges of the wall's edges, on the wall's side
+    axis, centre_mm, radius_mm : (3,) axis, (3,) centre and radius of the wall
+    is_hole : True if the wall faces its axis
     """
     b = solid.boundary
     vertices = np.asarray(solid.mesh.vertices, dtype=np.float64)
@@ -46,7 +46,7 @@ def course_rims(
         angle = np.arctan2(offset @ v, offset @ u)
         steps = (np.roll(angle, -1) - angle + np.pi) % (2 * np.pi) - np.pi
         if not (np.all(steps > 0) or np.all(steps < 0)):
-            continue  # it goes back on itself, or along the wall
+            continue  # the loop turns back, or runs along the wall
         normals = _normals(solid, ids, beyond)
         if np.abs(normals @ axis).min() < MIN_SLOPE_COS:
             continue
@@ -79,7 +79,7 @@ def course_rims(
 
 
 def _outer_loops(solid: Solid, inside: set[int], half_edges: Sequence[int]) -> list[list[int]]:
-    """Return the closed runs of half-edges of a wall that are outer edges all round."""
+    """Return the closed loops of a wall's half-edges that consist of outer edges only."""
     b = solid.boundary
     border = [h for h in half_edges if int(b.face[h ^ 1]) not in inside]
     by_origin: dict[int, list[int]] = {}
@@ -101,7 +101,7 @@ def _outer_loops(solid: Solid, inside: set[int], half_edges: Sequence[int]) -> l
 
 
 def _points(solid: Solid, loop: list[int]) -> tuple[IndexArray, IndexArray]:
-    """Return the mesh vertices (n,) round a loop, and the face beyond each edge from them."""
+    """Return the mesh vertices (n,) round a loop, and the face beyond the edge at each."""
     b = solid.boundary
     ids, beyond = [], []
     for h in loop:
@@ -113,7 +113,7 @@ def _points(solid: Solid, loop: list[int]) -> tuple[IndexArray, IndexArray]:
 
 
 def _normals(solid: Solid, ids: IndexArray, beyond: IndexArray) -> FloatArray:
-    """Return the normals (n, 3) of the faces beyond at mesh vertices."""
+    """Return the normals (n, 3) at mesh vertices of the faces beyond."""
     triangles = np.asarray(solid.mesh.faces)
     facets = np.zeros((len(ids), 3))
     for face in np.unique(beyond).tolist():

@@ -8,7 +8,7 @@ from controller.cad import Crease, Curve, Solid
 
 from .._types import EdgeLine
 
-MIN_LENGTH_MM: Final = 2.0  # a shorter edge gives too few rays to any camera of a cell
+MIN_LENGTH_MM: Final = 2.0  # least length; on a shorter edge any camera of a cell has too few rays
 
 
 def convex_lines(solid: Solid) -> dict[int, tuple[EdgeLine, ...]]:

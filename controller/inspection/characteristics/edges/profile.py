@@ -1,8 +1,8 @@
-"""Sides from which the edges of a plane show in profile, where its level can be measured.
+"""Lines of sight that show the edges of a plane in profile, where its level can be measured.
 
-A level is measured where a camera looks along the plane, more or less: an edge of it then stands
-against what is behind. Rays along such lines of sight tell whether the part itself is in the way;
-gripper and cell are the planner's concern.
+A level is measured where a camera looks more or less along the plane, so that an edge is seen
+against the background. Rays along such lines of sight show whether the part itself is in the way;
+the planner considers gripper and cell.
 """
 
 from collections.abc import Sequence
@@ -19,18 +19,19 @@ from .._types import EdgeLine, Rim
 AZIMUTH_COUNT: Final = 16
 ELEVATIONS_RAD: Final = np.radians(
     [-15.0, 0.0, 15.0]
-)  # a level seen so still moves its edge by 97 %
-# Distance of rays from the edge at their start, beyond the rounding of meshes and rays.
+)  # at this angle a change of level still moves its edge by 97 %
+# Distance from the edge at which rays start, more than the rounding errors of meshes and rays.
 OFF_MM: Final = 0.05
 MIN_SHARE: Final = 0.6  # least share of an edge in sight
-MIN_RIM_SHARE: Final = 0.2  # least share of a rim in sight: the part of it that faces the camera
-ALONG_COS: Final = float(np.cos(np.radians(30.0)))  # an edge seen more along itself is too short
+MIN_RIM_SHARE: Final = 0.2  # least share of a rim in sight: the portion that faces the camera
+# Cosine of the least angle between an edge and the line of sight, which foreshortens the edge.
+ALONG_COS: Final = float(np.cos(np.radians(30.0)))
 STEPS: Final = np.linspace(0.1, 0.9, 5)
 RIM_STEPS: Final = np.linspace(0.0, 1.0, 24, endpoint=False)
 
 
 class Profile:
-    """Lines of sight about one direction: nearly square to it, all round."""
+    """Lines of sight nearly square to a direction, all round it."""
 
     def __init__(self, solid: Solid, direction: FloatArray, caster: RayCaster) -> None:
         least = np.eye(3)[int(np.abs(direction).argmin())]
@@ -46,7 +47,7 @@ class Profile:
         self._caster = caster
 
     def of_line(self, line: EdgeLine) -> BoolArray:
-        """Return a mask (s,) of the lines of sight from which a straight edge shows."""
+        """Return a mask (s,) of the lines of sight that show a straight edge."""
         along = line.end_mm - line.start_mm
         points = line.start_mm + STEPS[:, None] * along
         outward = self._normals[list(line.faces)].sum(axis=0)
@@ -56,7 +57,7 @@ class Profile:
         return (share >= MIN_SHARE) & (np.abs(self._sights @ along) < ALONG_COS)
 
     def of_rim(self, rim: Rim) -> BoolArray:
-        """Return a mask (s,) of the lines of sight from which an outer rim shows."""
+        """Return a mask (s,) of the lines of sight that show an outer rim."""
         across = np.cross(rim.axis, rim.start)
         turns = (RIM_STEPS * rim.sweep_rad)[:, None]
         radial = np.cos(turns) * rim.start + np.sin(turns) * across
@@ -64,12 +65,12 @@ class Profile:
         return self._in_sight(points) >= MIN_RIM_SHARE
 
     def of_plane(self, lines: Sequence[EdgeLine], rims: Sequence[Rim]) -> BoolArray:
-        """Return a mask (s,) of the lines of sight from which any edge of a plane shows."""
+        """Return a mask (s,) of the lines of sight that show any edge of a plane."""
         shown = [self.of_line(line) for line in lines] + [self.of_rim(rim) for rim in rims]
         return np.any(shown, axis=0) if shown else np.zeros(len(self._sights), dtype=bool)
 
     def _in_sight(self, points: FloatArray) -> FloatArray:
-        """Return the share of points in sight along each line of sight (s,)."""
+        """Return the visible share of points along each line of sight (s,)."""
         count = len(points)
         origins = np.tile(points, (len(self._sights), 1))
         blocked = self._caster.blocked(origins, np.repeat(self._sights, count, axis=0))

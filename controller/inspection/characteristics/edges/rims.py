@@ -1,7 +1,7 @@
-"""Round walls of a part, and the circular edges in which they end.
+"""Round walls of a part, and the circular edges at their ends.
 
-A wall here is what a machinist calls one cylinder: STEP files cut it in halves, and other faces may
-cut into its rim, so that it has several faces and arcs of rims.
+A wall is one cylinder in the machinist's sense. STEP files split it into halves, and other faces
+may cut into its rim, so it may have several faces and several arcs per rim.
 """
 
 from collections.abc import Iterable
@@ -16,29 +16,31 @@ from controller.cad import Boundary, Crease, Curve, Face, Solid
 from .._types import Rim, rim_directions
 from .courses import course_rims
 
-COAXIAL_COS: Final = 1 - 1e-5  # 0.26 degrees, as the CAD's features have it
-SAME_MM: Final = 0.02  # a tessellated wall's axis and radius are right to a few microns
+# Cosine of the largest angle between coaxial axes, 0.26 degrees, as for the CAD's features.
+COAXIAL_COS: Final = 1 - 1e-5
+# Largest difference of axes and radii of one cylinder; in a mesh they are good to a few microns.
+SAME_MM: Final = 0.02
 LEVEL_MM: Final = 0.01
 FULL_RAD: Final = 2 * np.pi - 1e-3
-GAP_RAD: Final = 1e-3  # gap below which arcs follow on each other
-MIN_ARC_RAD: Final = np.radians(10.0)  # a shorter arc of a rim fixes neither centre nor radius
+GAP_RAD: Final = 1e-3  # gap below which arcs are consecutive
+# Least sweep of an arc of a rim; a shorter one determines neither centre nor radius.
+MIN_ARC_RAD: Final = np.radians(10.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RoundWall:
-    """A cylinder or the existing part of one.
+    """A cylinder, or the portion of one that exists.
 
     Attributes
     ----------
     faces : its faces, lowest id first
-    axis, centre_mm : (3,) unit and a point on it, CAD frame
-    radius_mm : nominal
-    is_hole : it faces its axis
-    rims : arcs in which it ends openly, the longest first; where none of them goes all the way
-        round, before them the curves in space that do; none where its ends are rounded, or end in
-        corners
-    height_mm : how far it reaches along its axis
-    has_edge : it ends in outer edges, be they rims or not
+    axis, centre_mm : (3,) unit axis and (3,) a point on it, CAD frame
+    radius_mm : nominal radius
+    is_hole : True if the wall faces its axis
+    rims : arcs at its open ends, the longest first; where no arc is a full circle, full curves in
+        space come before them; empty where the ends are rounded or end in inner corners
+    height_mm : extent along its axis
+    has_edge : True if it ends in outer edges, whether these are rims or not
     """
 
     faces: tuple[int, ...]
@@ -52,13 +54,13 @@ class RoundWall:
 
     @property
     def sweep_rad(self) -> float:
-        """Angle over which its longest rim goes round."""
+        """Sweep of its longest rim."""
         return max((rim.sweep_rad for rim in self.rims), default=0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class _Arc:
-    """Part of a circle about a wall's axis: height over its centre, start, and sweep."""
+    """Arc about a wall's axis: height over its centre, start, and sweep."""
 
     level_mm: float
     start_rad: float
@@ -68,7 +70,7 @@ class _Arc:
 
 
 def round_walls(solid: Solid) -> tuple[RoundWall, ...]:
-    """Return the cylinders of a part with their open rims, by their lowest face."""
+    """Return the cylinders of a part with their open rims, in the order of their lowest faces."""
     b = solid.boundary
     sides: list[list[int]] = [[] for _ in solid.faces]
     for half_edge, face in enumerate(b.face.tolist()):
@@ -98,7 +100,7 @@ def round_walls(solid: Solid) -> tuple[RoundWall, ...]:
         arcs = [arc for h in own if (arc := _arc(solid, bare, h)) is not None]
         rims = _rims(bare, arcs)
         if max((rim.sweep_rad for rim in rims), default=0.0) < FULL_RAD:
-            # where no circle goes all the way round, a curve in space may
+            # Where no arc is a full circle, a curve in space may go all the way round.
             courses = course_rims(solid, group, own, axis, centre, radius, is_hole=largest.concave)
             rims = [*courses, *rims]
         walls.append(replace(bare, rims=tuple(rims)))
@@ -106,7 +108,7 @@ def round_walls(solid: Solid) -> tuple[RoundWall, ...]:
 
 
 def plane_rims(solid: Solid) -> dict[int, tuple[Rim, ...]]:
-    """Return the outer circular edges of each plane that has any, by face id, the longest first."""
+    """Return the outer circular edges of each plane that has any, by face id, longest first."""
     b = solid.boundary
     circles: dict[tuple[int, tuple[int, ...]], list[int]] = {}
     for edge in np.nonzero((b.curve == Curve.CIRCLE) & (b.crease == Crease.CONVEX))[0].tolist():
@@ -124,7 +126,7 @@ def plane_rims(solid: Solid) -> dict[int, tuple[Rim, ...]]:
         edge = half_edges[0] // 2
         normal = solid.faces[plane_id].normal
         axis = normal / np.linalg.norm(normal)
-        # its centre lies below the plane, so that its rims open out of it
+        # Its centre lies below the plane, so that its rims open out of the plane.
         wall = RoundWall((), axis, b.centre_mm[edge] - axis, float(b.radius_mm[edge]), False)
         arcs = [arc for h in half_edges if (arc := _arc(solid, wall, h)) is not None]
         found.setdefault(plane_id, []).extend(_rims(wall, arcs))
@@ -168,8 +170,8 @@ def are_coaxial(
 
     Parameters
     ----------
-    axis, centre_mm : (3,) unit, and a point on it
-    other_axis, other_mm : of the other
+    axis, centre_mm : (3,) unit axis, and (3,) a point on it
+    other_axis, other_mm : the same of the other axis
     """
     if abs(float(axis @ other_axis)) < COAXIAL_COS:
         return False
@@ -178,7 +180,7 @@ def are_coaxial(
 
 
 def _arc(solid: Solid, wall: RoundWall, half_edge: int) -> _Arc | None:
-    """Return an edge of a wall as an arc of its rim; None for an edge that does not show."""
+    """Return an edge of a wall as an arc of its rim; None for an invisible edge."""
     b: Boundary = solid.boundary
     edge = half_edge // 2
     if b.curve[edge] != Curve.CIRCLE or b.crease[edge] != Crease.CONVEX:
@@ -215,7 +217,7 @@ def _rims(wall: RoundWall, arcs: Iterable[_Arc]) -> list[Rim]:
 
 
 def _runs(arcs: list[_Arc]) -> list[list[_Arc]]:
-    """Return arcs of one circle, merged where they follow on each other."""
+    """Return the arcs of one circle, with consecutive ones merged."""
     runs: list[list[_Arc]] = []
     for arc in arcs:
         if runs and _meet(runs[-1][-1], arc):

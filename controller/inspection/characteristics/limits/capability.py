@@ -1,8 +1,8 @@
-"""Capability of a cell before any measurement: the uncertainty it may promise.
+"""Capability of a cell before any measurement: the uncertainty that it can promise.
 
-The uncertainty is that of one length between two edges in one picture, from the camera, the lens,
-the depth at which the part is held, scale and temperature; each with its share, in
-docs/characteristics.md. What a measurement really is uncertain by comes with its result.
+It is the uncertainty of one length between two edges in one picture, from the camera, the lens, the
+depth at which the part is held, scale and temperature (shares: docs/characteristics.md). The actual
+uncertainty of a measurement comes with its result.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from .._types import Characteristic, CharacteristicKind, RimGeometry
 from .decision import COVERAGE_FACTOR
 
 MAX_SHARE: Final = 0.30  # largest share of the tolerance for 2 U: the limit of VDA 5 (S17)
-EXPANSION_PER_K: Final = 23e-6  # of aluminium, the metal in the cell that grows most
+EXPANSION_PER_K: Final = 23e-6  # aluminium, which expands most of the metals in the cell
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,12 +24,12 @@ class Accuracy:
 
     Attributes
     ----------
-    edge_px : noise of an edge that was found, many rays together
-    light_px : which part of a real edge the light shows
-    lens_px : what calibration leaves of distortion and focal length
-    depth_mm : of the part along the line of sight, after one pose was fitted to all views
-    scale : of the calibration, as a share of a length
-    temperature_k : of the part from 20 degrees Celsius
+    edge_px : noise of a found edge, over many rays
+    light_px : place on a real edge at which light shows it
+    lens_px : residual of distortion and focal length after calibration
+    depth_mm : depth of the part along the line of sight, with one pose fitted to all views
+    scale : scale of the calibration, as a share of a length
+    temperature_k : deviation of the part's temperature from 20 degrees Celsius
     """
 
     edge_px: float
@@ -42,7 +42,7 @@ class Accuracy:
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """The camera at the station: pixel on the part, distance, width of its picture [mm]."""
+    """Camera at the station: pixel size on the part, distance, width of its picture [mm]."""
 
     mm_per_px: float
     distance_mm: float
@@ -55,9 +55,9 @@ class Capability:
 
     Attributes
     ----------
-    U_mm : expanded uncertainty (k = 2) that it can promise
-    share : of the tolerance that twice this takes
-    min_tolerance_mm : width of the least tolerance that it can verify
+    U_mm : expanded uncertainty (k = 2) that the cell can promise
+    share : twice this uncertainty, as a share of the tolerance
+    min_tolerance_mm : width of the narrowest tolerance that the cell can verify
     """
 
     U_mm: float
@@ -78,7 +78,7 @@ def promised_budget_mm(length_mm: float, station: Station, accuracy: Accuracy) -
     length_mm : between two edges, square to the line of sight
     station, accuracy : of the cell
     """
-    # what lens and light do differs more from edge to edge the further they are apart
+    # The effects of lens and light differ more from edge to edge the farther apart the edges are.
     apart = hypot(1.0, length_mm / station.field_mm) * station.mm_per_px
     return {
         "edge": accuracy.edge_px * apart,
@@ -104,12 +104,12 @@ def promised_mm(length_mm: float, station: Station, accuracy: Accuracy) -> float
 def capability_of(
     characteristic: Characteristic, station: Station, accuracy: Accuracy
 ) -> Capability:
-    """Return a cell's capability to verify a characteristic.
+    """Return the capability of a cell to verify a characteristic.
 
     Parameters
     ----------
-    characteristic : with its limits
-    station, accuracy : of the cell
+    characteristic : the characteristic, with its limits
+    station, accuracy : station and accuracy of the cell
     """
     length = characteristic.length_mm or characteristic.nominal_mm
     U = promised_mm(length, station, accuracy) * _arc_factor(characteristic)
@@ -119,17 +119,17 @@ def capability_of(
 
 
 def zone_mm(characteristic: Characteristic) -> float:
-    """Return the width of a value's tolerance zone; of a position, its diameter."""
+    """Return the width of a value's tolerance zone; for a position, its diameter."""
     if characteristic.kind == CharacteristicKind.POSITION:
         return 2 * characteristic.upper_mm
     return characteristic.tolerance_mm
 
 
 def _arc_factor(characteristic: Characteristic) -> float:
-    """Return the factor by which a radius is less certain than the edges of its arc.
+    """Return the ratio of a radius's uncertainty to that of its arc's edges.
 
-    An edge that is off by d moves the height of an arc by d, and the radius by d over 1 - cos of
-    half the arc. From a half circle on it is d itself.
+    An error d of an edge changes the height of an arc by d, and the radius by d / (1 - cos(half the
+    sweep)). From a half circle on, it changes the radius by d itself.
     """
     geometry = characteristic.geometry
     if characteristic.kind != CharacteristicKind.RADIUS or not isinstance(geometry, RimGeometry):

@@ -1,7 +1,7 @@
-"""Verdict on a measured value with its uncertainty (references.md S8, S16).
+"""Verdict on a measured value by its uncertainty (references.md S8, S16).
 
-Conformity has to be proven, and so has non-conformity; what is neither is open. So parts near a
-limit are neither accepted nor rejected on the strength of noise.
+Both conformity and non-conformity must be proven; otherwise the value remains open. Noise therefore
+neither accepts nor rejects parts near a limit.
 """
 
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from typing import Final
 
 from ..._types import Verdict
 
-CONFORMANCE_PROBABILITY: Final = 0.95  # S8: the default where nothing else was agreed
+CONFORMANCE_PROBABILITY: Final = 0.95  # default of S8 without another agreement
 COVERAGE_FACTOR: Final = 2.0  # of the expanded uncertainty U
 
 
@@ -23,21 +23,21 @@ def decide(
 ) -> Verdict:
     """Return PASS or FAIL if one is proven, else INDETERMINATE.
 
-    PASS: the true value lies within the limits with the probability required, both limits taken
-    together. FAIL: it lies beyond one of them with that probability. Where the tolerance is wide
-    against U, that is a guard band of 1.645 u = 0.82 U on either side of each limit; 97.7 % makes
-    it U. A value on its limit with no uncertainty conforms.
+    PASS: the true value lies within both limits with the required probability. FAIL: it lies beyond
+    one of them with that probability. For a tolerance much wider than U, this is a guard band of
+    1.645 u = 0.82 U on either side of each limit; a probability of 97.7 % makes it U. A value on
+    its limit with no uncertainty conforms.
 
     Parameters
     ----------
     value, U : measured value and its expanded uncertainty (k = 2), in one unit
-    lower, upper : limits, None where there is none; they belong to the tolerance
-    probability : how certain PASS and FAIL must be, above 0.5 and below 1
+    lower, upper : limits, which belong to the tolerance; None where there is none
+    probability : required probability of PASS and FAIL, above 0.5 and below 1
 
     Raises
     ------
-    ValueError : U is negative, a number is none, the limits are the wrong way round, or the
-        probability is not one that proves anything
+    ValueError : U is negative, a value is not a number, the limits are reversed, or the probability
+        is out of range
     """
     low = -inf if lower is None else lower
     high = inf if upper is None else upper
@@ -62,10 +62,10 @@ def open_zones(
     upper: float | None,
     probability: float = CONFORMANCE_PROBABILITY,
 ) -> tuple[tuple[float, float], ...]:
-    """Return the ranges of measured values that `decide` leaves open, in rising order.
+    """Return the ranges of measured values that `decide` leaves open, in ascending order.
 
-    There is one about each limit. Where the tolerance is narrow against U, nothing can pass, and
-    both are one.
+    There is one range about each limit. Where the tolerance is narrow against U, no value can pass,
+    and both ranges merge.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def open_zones(
     high = inf if upper is None else upper
     if U == 0 or (lower is None and upper is None):
         return ()
-    reach = 6 * U  # no value further than this beyond a limit is open: 12 standard deviations
+    reach = 6 * U  # no value farther beyond a limit is open: 12 standard deviations
 
     def verdict(value: float) -> Verdict:
         return decide(value, U, lower, upper, probability)
@@ -85,7 +85,7 @@ def open_zones(
         if lower is not None and upper is not None
         else (low + reach if upper is None else high - reach)
     )
-    passes = verdict(middle) is Verdict.PASS  # no value is more likely within both limits
+    passes = verdict(middle) is Verdict.PASS  # the middle is the value most likely to pass
     found = []
     for limit, away in ((lower, -1.0), (upper, 1.0)):
         if limit is None:
@@ -99,7 +99,7 @@ def open_zones(
 def _edge(
     verdict: Callable[[float], Verdict], wanted: Verdict, inside: float, outside: float
 ) -> float:
-    """Return the end of a verdict between a value that has it and one that has not."""
+    """Return the border of a verdict between a value that has it and one that has not."""
     for _ in range(60):
         middle = 0.5 * (inside + outside)
         if verdict(middle) is wanted:

@@ -1,12 +1,12 @@
-"""Limits of sizes that a drawing gives as a class of tolerance, as ``H7`` (references.md S7).
+"""Limits of sizes that a drawing gives as a tolerance class, such as ``H7`` (references.md S7).
 
-Grades IT5 to IT14 and the letters D to P that are usual for holes and shafts, up to 500 mm.
+It covers grades IT5 to IT14 and letters D to P, usual for holes and shafts, up to 500 mm.
 """
 
 import re
 from typing import Final
 
-# Sizes up to and including [mm]; each tuple below has one value for each [um].
+# Largest size of each row [mm]; each tuple below has one value per row [um].
 RANGES_MM: Final = (3, 6, 10, 18, 30, 50, 80, 120, 180, 250, 315, 400, 500)
 GRADES: Final[dict[int, tuple[float, ...]]] = {  # S7, ISO 286-1 table 1
     5: (4, 5, 6, 8, 9, 11, 13, 15, 18, 20, 23, 25, 27),
@@ -33,25 +33,26 @@ ABOVE: Final[dict[str, tuple[float, ...]]] = {  # lower deviation of shafts, pos
     "n": (4, 8, 10, 12, 15, 17, 20, 23, 27, 31, 34, 37, 40),
     "p": (6, 12, 15, 18, 22, 26, 32, 37, 43, 50, 56, 62, 68),
 }
-K_GRADES: Final = (5, 6, 7)  # in all others k begins at the nominal size
-RAISED_TO: Final = {"k": 8, "m": 8, "n": 8, "p": 7}  # holes K to P are raised up to this grade
-M6_UM: Final = -9.0  # ISO 286-1 gives M6 of 250 to 315 mm this instead of what the rule yields
+K_GRADES: Final = (5, 6, 7)  # grades in which k does not begin at the nominal size
+# Highest grade in which holes K to P are raised.
+RAISED_TO: Final = {"k": 8, "m": 8, "n": 8, "p": 7}
+M6_UM: Final = -9.0  # exception in ISO 286-1 to the rule: M6 from 250 to 315 mm
 M6_RANGE: Final = 10
 UM_PER_MM: Final = 1000.0
 _FIT = re.compile(r"([A-Za-z]{1,2})(\d{1,2})")
 
 
 def fit_limits_mm(fit: str, nominal_mm: float) -> tuple[float, float]:
-    """Return the lower and the upper deviation of a class of tolerance, with sign.
+    """Return the lower and the upper deviation of a tolerance class, with sign.
 
     Parameters
     ----------
-    fit : letter and grade, capital for holes, as ``H7`` or ``g6``
-    nominal_mm : size that it applies to
+    fit : letter and grade, such as ``H7`` or ``g6``; a capital letter for holes
+    nominal_mm : nominal size
 
     Raises
     ------
-    ValueError : the class is not among those known here, or the size is beyond 500 mm
+    ValueError : the class is not in the table, or the size is above 500 mm
     """
     match = _FIT.fullmatch(fit.strip())
     if match is None:

@@ -1,4 +1,4 @@
-"""General tolerances of dimensions that a drawing gives without any (references.md S15)."""
+"""General tolerances for dimensions without individual ones on the drawing (references.md S15)."""
 
 from math import inf, radians
 from typing import Final, Literal
@@ -6,7 +6,7 @@ from typing import Final, Literal
 ToleranceClass = Literal["f", "m", "c", "v"]
 TOLERANCE_CLASSES: Final[tuple[ToleranceClass, ...]] = ("f", "m", "c", "v")
 
-# Each row: sizes up to and including [mm], permissible deviation of the classes f, m, c, v; None
+# Each row has the largest size [mm] and the permissible deviations of classes f, m, c and v; None
 # where the standard gives none. The first row of lengths begins at 0.5 mm.
 Row = tuple[float, tuple[float | None, float | None, float | None, float | None]]
 LINEAR: Final[tuple[Row, ...]] = (  # S15, table 1 [mm]
@@ -34,9 +34,9 @@ ANGLES: Final[tuple[Row, ...]] = (  # S15, table 3: by the shorter side of the a
 
 
 def linear_tolerance_mm(size_mm: float, tolerance_class: ToleranceClass) -> float | None:
-    """Return the permissible deviation of a length, either way; None where there is none.
+    """Return the permissible deviation of a length in either direction; None where there is none.
 
-    Sizes below 0.5 mm, for which a drawing has to state limits, are held to the first row.
+    Sizes below 0.5 mm, for which a drawing must state limits, take the first row.
     """
     return _deviation(LINEAR, size_mm, tolerance_class)
 
@@ -58,6 +58,6 @@ def _deviation(
 ) -> float | None:
     column = TOLERANCE_CLASSES.index(tolerance_class)
     for largest, deviations in rows:
-        if size_mm <= largest + 1e-6:  # a nominal size computed from a mesh
+        if size_mm <= largest + 1e-6:  # margin for rounding of a nominal size from a mesh
             return deviations[column]
     return None
