@@ -1,10 +1,10 @@
-"""Detectable defects: by kind the smallest size, and the share of the surface.
+"""Detectable defects: smallest size and share of the surface, by kind.
 
-Every check records at each sample how small a mark would have passed its limit, and an outline how
-far off it may be unnoticed. A mark of just that size passes the limit in half of cases, since
-noise and texture move its answer up or down. Here these halves are put together to the size that is
-found with a probability of 90 %, sample by sample. That is a figure of the noise's model and of the
-contrasts it assumes, not a count of defects found (ADR 35).
+Every check records at each sample the smallest mark that would have passed its limit; for an
+outline, its largest unnoticed deviation. A mark of just that size passes in half of cases, since
+noise and texture change its response. This module combines these sizes, sample by sample, into the
+size found with a probability of 90 %. The figure comes from the noise model and its assumed
+contrasts, not from a count of found defects (ADR 35).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,15 +38,15 @@ WORDS: Final[Mapping[str, str]] = MappingProxyType(
         MISSING: "missing or extra material",
     }
 )
-# A filter of the next width averages over 2.8 times the area: what passed its limit in half of
-# cases then does in nine of ten.
+# A filter of the next width averages over 2.8 times the area: a mark that passed its limit in half
+# of cases then passes in nine of ten.
 NEXT_WIDTH: Final = FILTER_STEP
-# Four looks that each find a mark in half of cases miss it together in one of sixteen.
+# Four looks that each find a mark in half of cases all miss it in one case of sixteen.
 HALVES: Final = 4
 # A run of the outline is a finding from about five standard deviations on; 1.28 more of them make
 # nine of ten.
 OVER_LIMIT: Final = 1.25
-MIN_SHARE: Final = 0.5  # least share of a face, equal to the share that must have been compared
+MIN_SHARE: Final = 0.5  # least share of a face, the same as must have been compared
 MAX_NAMED: Final = 6
 NOTHING_ASKED: Final[Mapping[str, float]] = MappingProxyType({})
 NO_FACES: Final[Mapping[int, str]] = MappingProxyType({})
@@ -58,12 +58,12 @@ class Detection:
 
     Attributes
     ----------
-    kind : chip, burr, dent (pits as well), scratch, stain, missing (extra material as well)
-    size_mm : what the recipe asks to be found, or its smallest defect
-    share : of the surface, of chips and burrs of its sharp edges, on which that would be found
-    half_mm : the size found on half of that share; None where there is none, or nothing finer is
-        looked for
-    is_asked : the recipe names it
+    kind : chip, burr, dent (including pits), scratch, stain, missing (including extra material)
+    size_mm : size asked for by the recipe, or its smallest defect
+    share : share of the surface on which that size would be found; for chips and burrs, of the
+        sharp edges
+    half_mm : size found on half of that share; None where there is none, or no finer size is sought
+    is_asked : True if the recipe names it
     open_faces : number and share of each face on less than half of which it would be found
     """
 
@@ -76,7 +76,7 @@ class Detection:
 
     @property
     def sentence(self) -> str:
-        """The result in words, without a verb."""
+        """Result in words, without a verb."""
         of = "the edges" if self.kind in AT_EDGES else "the surface"
         half = "" if self.half_mm is None else f" (half of that: {self.half_mm:.1f} mm)"
         return (
@@ -97,11 +97,11 @@ def detections(
     Parameters
     ----------
     solid : the part
-    samples : n, of its surface
-    views : with what each check recorded
-    limits : with the smallest defect, for kinds that the recipe does not name
-    asked_mm : by kind, what the recipe asks to be found
-    not_inspected : by face id, why the recipe leaves it out
+    samples : n samples of its surface
+    views : results of the views, with the records of each check
+    limits : limits, with the smallest defect for kinds that the recipe does not name
+    asked_mm : size asked for by the recipe, by kind
+    not_inspected : reason, by face id, why the recipe leaves a face out
     """
     checks = [c for v in views if v.evaluated for c in v.checks if not c.reason]
     if not checks:
@@ -131,12 +131,12 @@ def in_words(found: Sequence[Detection]) -> str:
 
 
 def stops(found: Sequence[Detection], solid: Solid) -> tuple[str, ...]:
-    """Return the defects that the recipe asks for and the pictures would miss, in sentences.
+    """Return the defects asked for by the recipe that the pictures would miss, in sentences.
 
     Parameters
     ----------
-    found : by kind of defect
-    solid : with the names of its faces
+    found : detectability by kind of defect
+    solid : the part, with the names of its faces
     """
     return tuple(
         f"{WORDS[d.kind]} of {d.size_mm:g} mm, which the recipe asks for, would not be found on "
@@ -147,17 +147,17 @@ def stops(found: Sequence[Detection], solid: Solid) -> tuple[str, ...]:
 
 
 def least_mm(kind: str, mm_per_px: float, dust_mm: float = InspectionLimits().dust_mm) -> float:
-    """Return the smallest size of a kind that a camera can find with 90 % on a clean surface.
+    """Return the smallest size of a kind that a camera finds with 90 % on a clean surface.
 
     Parameters
     ----------
-    kind : of `KINDS`
-    mm_per_px : pixel on the part, seen square
-    dust_mm : what is no wider may be a speck of dust
+    kind : kind from `KINDS`
+    mm_per_px : pixel size on the part, seen square
+    dust_mm : largest width of a speck of dust
 
     Raises
     ------
-    KeyError : another kind
+    KeyError : the kind is not in `KINDS`
     """
     node_mm = STEP_PX * mm_per_px
     spot = max(2 * DISC * SPOT_NODES[0] * node_mm * NEXT_WIDTH, dust_mm)
@@ -178,10 +178,10 @@ def found_mm(
 
     Parameters
     ----------
-    kind : of defect
-    checks : that were made
-    samples : n, of the surface
-    limits : with the smallest defect, and what may be dust
+    kind : kind of defect
+    checks : checks made
+    samples : n samples of the surface
+    limits : limits, with the smallest defect and the largest dust
     """
     nothing = np.full(len(samples.points_mm), np.inf)
     if kind in MARKS:
@@ -204,7 +204,7 @@ def found_mm(
 
 
 def _at_outline_mm(kind: str, check: Check) -> float:
-    """Return the smallest chip or burr of an outline; a chip is half as deep as it is long."""
+    """Return the smallest chip or burr found by an outline; a chip is half as deep as long."""
     depth = OVER_LIMIT * check.size_mm
     if kind == "chip":
         return max(check.length_mm, 2 * depth)
@@ -213,7 +213,7 @@ def _at_outline_mm(kind: str, check: Check) -> float:
 
 @lru_cache(maxsize=KEPT_PARTS)
 def _near_edges(solid: Solid, samples: SurfaceSamples, reach_mm: float) -> BoolArray:
-    """Return a mask of the samples (n,) that a defect of an edge would reach."""
+    """Return a mask (n,) of the samples within reach of a defect of an edge."""
     edges = find_edges(solid, reach_mm / 2)
     if edges is None:
         return np.zeros(len(samples.points_mm), dtype=bool)

@@ -1,4 +1,4 @@
-"""Self-checks of found edges: their sharpness, their roundness, and whether they count."""
+"""Self-checks of found edges: sharpness, form, and whether they count."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -13,12 +13,12 @@ from ._types import MeasuringSettings
 from .solving import Solution
 
 FORM_POINTS: Final = 5  # neighbours averaged to a point of the form
-FAINT: Final = 2.0  # in errors of the better rays: a worse ray shows no form
-SURE_PX: Final = 0.1  # standard error of a ray that shows the picture's sharpness
+FAINT: Final = 2.0  # error of a ray, in errors of the better rays, from which it shows no form
+SURE_PX: Final = 0.1  # largest standard error of a ray used for the picture's sharpness
 MIN_SURE: Final = 20
-# Two blurred steps, up by one and back by 0.4 to 0.9 within 2 to 4 px, as far as the fit takes
-# them for one: found off by 1.5 to 2.1 times what it is too narrow by; more where the way back is
-# no step but a slope.
+# Error of a fitted edge as a multiple of the amount by which its fit is too narrow. For two blurred
+# steps taken for one, up by one and back by 0.4 to 0.9 within 2 to 4 px, it is 1.5 to 2.1; it is
+# more where the profile falls back gradually.
 LEAN: Final = 2.0
 
 
@@ -32,7 +32,7 @@ class Sharpness:
 
 @dataclass(frozen=True, slots=True)
 class PictureKind:
-    """Properties by which a picture's edges are judged: light, noise [grey] and sharpness."""
+    """Properties for judging a picture's edges: light, noise [grey] and sharpness."""
 
     is_backlit: bool
     noise: float
@@ -40,16 +40,16 @@ class PictureKind:
 
 
 def lean_px(found: EdgeFits, good: BoolArray, picture: PictureKind) -> FloatArray:
-    """Return the lean of steps (n,) from their true place, where the profile falls back [px].
+    """Return the bias of steps (n,) whose profile falls back behind them [px].
 
-    Beside a dark line, as the shaded foot of a bore's wall, a blurred step does not come to rest:
-    its fit is too narrow, and leans away from the line by `LEAN` times that.
+    Beside a dark line, such as the shaded foot of a bore's wall, a blurred step does not level off:
+    its fit is too narrow, and is biased away from the line by `LEAN` times the missing width.
 
     Parameters
     ----------
-    found : steps
-    good : (n,) which are sure
-    picture : how sharp it is
+    found : fitted steps
+    good : (n,) mask of the sure steps
+    picture : properties of the picture
     """
     lean = np.zeros(len(good))
     for side in (-1.0, 1.0):
@@ -66,7 +66,8 @@ def form_of(
 ) -> tuple[float, float]:
     """Return the form deviation of an edge, peak to valley, and its standard uncertainty [mm].
 
-    Walls seen flat and faint edges show no form. Neighbours are averaged, edge by edge.
+    Walls seen at a grazing angle and faint edges show no form. Neighbours are averaged along each
+    edge.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def form_of(
             continue
         off = answer.residuals[mine] / np.maximum(rays.px_per_mm[mine], 1e-9)
         smooth = np.convolve(off, np.full(FORM_POINTS, 1.0 / FORM_POINTS), mode="valid")
-        # nearer than a pixel two rays see one noise
+        # Rays less than a pixel apart share one noise.
         count = max(FORM_POINTS * min(median(rays.spacing_px[mine]), 1.0), 1.0)
         u_both = median(u_mm[mine]) * float(np.sqrt(2.0 / count))
         most = max(most, float(np.ptp(smooth)))
@@ -101,17 +102,17 @@ def failure_of(
     picture: PictureKind,
     settings: MeasuringSettings,
 ) -> str:
-    """Return the self-check that failed, empty where all passed.
+    """Return the failed self-check; empty where all passed.
 
     Parameters
     ----------
     answer : the fit
-    good : (n,) where an edge was found
+    good : (n,) mask of the rays with an edge
     rays, found, width, picture, settings : see `failure_of`
     """
     used = answer.used
     share = float(used.mean())
-    # where light hides the rest, the same share of what it shows
+    # Where light hides the rest, the same share of the visible rays is required.
     shown = float(good.mean())
     if share < settings.min_share * (shown if shown < settings.min_share else 1.0):
         return (
@@ -156,7 +157,7 @@ def failure_of(
 
 
 def sharpness_of(found: EdgeFits) -> Sharpness | None:
-    """Return the common width and contrast of the sure edges; None where these are too few."""
+    """Return the common width and contrast of the sure edges; None where there are too few."""
     sure = found.is_found & (found.sigma_px < SURE_PX)
     if sure.sum() < MIN_SURE:
         return None

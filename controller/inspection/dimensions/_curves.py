@@ -1,4 +1,4 @@
-"""Edges of a part as curves in space: the origins of rays, and their direction."""
+"""Edges of a part as curves in space, with the origins and directions of rays."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -11,30 +11,30 @@ from controller.cad import Solid
 
 from ..characteristics import EdgeLine, Rim, rim_directions
 
-SPACING_PX: Final = 1.0  # between rays; nearer ones see the same pixels
+SPACING_PX: Final = 1.0  # distance between rays; closer ones use the same pixels
 MAX_RAYS: Final = 120
 MIN_RAYS: Final = 16
 CORNER_PX: Final = 5.0  # distance from a corner below which a ray sees the surface round it
-SAME_RAD: Final = 1e-4  # angle between points below which they are one
-MIN_CHORDS: Final = 3  # least number of chord ends; fewer make no circle
-FULL_RAD: Final = 2 * np.pi - 1e-3  # a rim that sweeps more is closed
+SAME_RAD: Final = 1e-4  # angle between points below which they coincide
+MIN_CHORDS: Final = 3  # least number of chord ends that determine a circle
+FULL_RAD: Final = 2 * np.pi - 1e-3  # sweep from which a rim is closed
 WIDEST_RAD: Final = 0.5  # largest half angle that a chord spans
-# By how many shares of a chord a mesh may be turned. A part that looks alike from four sides is
-# held in any of them, and its chords are where those of another side were. With six, at least
-# cos(30 degrees) of their height shows.
+# Number of tested turns of a mesh, in equal shares of a chord. A part that looks the same from four
+# sides may be held in any of these orientations, which displaces its chords. With six turns, at
+# least cos(30 degrees) of the chords' height is detected.
 TURN_COUNT: Final = 6
 NEIGHBOUR: Final = 0.02  # step along a curve for tangent and bend, as a share of its length
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Chords:
-    """A rim as the mesh has it: chords between points on it.
+    """A rim in the mesh: chords between points on it.
 
     Attributes
     ----------
-    angles_rad : (n,) ascending, of the points, about the axis from the rim's start
-    radii_mm : (n,) how far they are from the axis
-    height_mm : of the median chord
+    angles_rad : (n,) ascending angles of the points about the axis, from the rim's start
+    radii_mm : (n,) their distances from the axis
+    height_mm : height of the median chord
     """
 
     angles_rad: FloatArray
@@ -46,8 +46,8 @@ class Chords:
 
         Parameters
         ----------
-        at_rad : (n,) about the axis from the rim's start
-        radius_mm : of the circle
+        at_rad : (n,) angles about the axis, from the rim's start
+        radius_mm : radius of the circle
         """
         count = len(self.angles_rad)
         if count < MIN_CHORDS:
@@ -58,19 +58,19 @@ class Chords:
         low = self.angles_rad[after - 1]
         high = np.where(after < count, self.angles_rad[after % count], self.angles_rad[0] + turn)
         one, other = self.radii_mm[after - 1], self.radii_mm[after % count]
-        # where the chord crosses the ray at this angle
+        # Point at which the chord crosses the ray at this angle.
         across = one * np.sin(at - low) + other * np.sin(high - at)
         along = one * other * np.sin(high - low) / np.maximum(across, 1e-12)
-        # a wider gap is no chord: the rim ends there
+        # A wider gap is an end of the rim, not a chord.
         return np.asarray(np.where(high - low < 2 * WIDEST_RAD, radius_mm - along, 0.0))
 
     def turned_mm(self, at_rad: FloatArray, radius_mm: float, sense: float) -> FloatArray:
-        """Return the same (n, `TURN_COUNT`) were the mesh turned by shares of its median chord.
+        """Return the same (n, `TURN_COUNT`) for the mesh turned by shares of its median chord.
 
         Parameters
         ----------
-        at_rad, radius_mm : as `depth_mm` has them
-        sense : which way it is turned about the axis, 1 or -1
+        at_rad, radius_mm : see `depth_mm`
+        sense : sense of the turn about the axis, 1 or -1
         """
         chord_rad = median(np.diff(self.angles_rad)) if len(self.angles_rad) > 1 else 0.0
         turns = np.arange(TURN_COUNT) * (sense * chord_rad / TURN_COUNT)
@@ -83,14 +83,14 @@ class Curve:
 
     Attributes
     ----------
-    before_mm, points_mm, after_mm : (n, 3) points, and others a little way back and on
-    shift : (n, 3) unit, the way an offset is counted
+    before_mm, points_mm, after_mm : (n, 3) points, and others slightly before and after them
+    shift : (n, 3) unit, positive direction of an offset
     out : (n, 3) unit, out of the material
-    design : (n, p, 3) how a point moves with each unknown of the feature [mm]
-    facet_mm : how far the mesh may be from the curve
+    design : (n, p, 3) derivatives of the points by the unknowns of the feature [mm]
+    facet_mm : largest distance of the mesh from the curve
     outward : 1 where the shift leads out of the material, -1 into it
-    chord_mm : (n, `TURN_COUNT`, 3) from a point to the mesh's own edge, and to where that would be
-        were the mesh turned about the edge's axis by a share of a chord
+    chord_mm : (n, `TURN_COUNT`, 3) vectors from a point to the mesh's own edge, also with the mesh
+        turned about the edge's axis by shares of a chord
     """
 
     before_mm: FloatArray
@@ -122,16 +122,16 @@ def rim_curve(
     moved_mm: FloatArray,
     chords: Chords,
 ) -> Curve:
-    """Return a rim's points; unknowns are its place along two directions, and its radius.
+    """Return the points of a rim; unknowns: its place along two directions, and its radius.
 
     Parameters
     ----------
     solid : the part
-    rim : nominal
-    directions : (3,) each, `rim_directions`, the same for all rims of a feature
-    pixel_mm : size of a pixel there
-    moved_mm : (3,) how far it is from its nominal place along them, and its radius
-    chords : of its mesh, see `chords_of`
+    rim : nominal rim
+    directions : (3,) each, from `rim_directions`, the same for all rims of a feature
+    pixel_mm : pixel size at the rim
+    moved_mm : (3,) deviations of its place along the directions, and of its radius, from nominal
+    chords : chords of its mesh, see `chords_of`
     """
     first, second = directions
     centre = rim.centre_mm + moved_mm[0] * first + moved_mm[1] * second
@@ -152,7 +152,7 @@ def rim_curve(
     course = rim.course
 
     def slid(at: FloatArray, step: FloatArray) -> FloatArray:
-        """Return a step of the wall (n, 3), with the motion of the rim along the surface beyond."""
+        """Return a step of the wall (n, 3) plus the rim's motion along the surface beyond."""
         if course is None:
             return step
         normal = course.normal(at)
@@ -173,7 +173,7 @@ def rim_curve(
         if abs(float(normal @ rim.axis)) < 0.5:
             normal = rim.axis
     out = (-out_radial if rim.is_hole else out_radial) + normal
-    # all rims of a feature turn together, also one whose axis points the other way
+    # All rims of a feature turn together, even if their axes are opposite.
     sense = 1.0 if float(np.cross(first, second) @ rim.axis) > 0 else -1.0
     steps = (np.broadcast_to(first, out.shape), np.broadcast_to(second, out.shape), out_radial)
     design = np.stack([slid(angle, step) for step in steps], axis=1)
@@ -198,16 +198,16 @@ def plane_rim_curve(
     moved_mm: float,
     chords: Chords,
 ) -> Curve:
-    """Return the points of a rim that shows a plane; unknowns are its shift, and its radius.
+    """Return the points of a rim that shows a plane; unknowns: its shift, and its radius.
 
     Parameters
     ----------
     solid : the part
-    rim : nominal
+    rim : nominal rim
     direction : (3,) unit, square to the plane
-    pixel_mm : size of a pixel there
-    moved_mm : how far the plane is from its nominal place, along the direction
-    chords : of its mesh, see `chords_of`
+    pixel_mm : pixel size at the rim
+    moved_mm : deviation of the plane from its nominal place, along the direction
+    chords : chords of its mesh, see `chords_of`
     """
     curve = rim_curve(solid, rim, rim_directions(rim.axis), pixel_mm, np.zeros(3), chords)
     step = moved_mm * direction
@@ -238,15 +238,15 @@ def turn_of(rim: Rim, points_mm: FloatArray) -> FloatArray:
 def line_curve(
     solid: Solid, line: EdgeLine, direction: FloatArray, pixel_mm: float, moved_mm: float
 ) -> Curve:
-    """Return a straight edge's points; unknowns are its shift along a direction, and its slope.
+    """Return the points of a straight edge; unknowns: its shift along a direction, and its slope.
 
     Parameters
     ----------
     solid : the part
-    line : nominal
-    direction : (3,) unit, square to it
-    pixel_mm : size of a pixel there
-    moved_mm : how far it is from its nominal place, along the direction
+    line : nominal edge
+    direction : (3,) unit, square to the edge
+    pixel_mm : pixel size at the edge
+    moved_mm : deviation of the edge from its nominal place, along the direction
     """
     along = line.end_mm - line.start_mm
     length = float(np.linalg.norm(along))
@@ -276,13 +276,13 @@ def line_curve(
 
 
 def _outward(solid: Solid, line: EdgeLine, direction: FloatArray) -> float:
-    """Return 1 where a shift moves the edge's own face out of the material, else -1."""
+    """Return 1 if a shift moves the edge's own face out of the material, else -1."""
     along = [float(solid.faces[face].normal @ direction) for face in line.faces]
     return 1.0 if max(along, key=abs) > 0 else -1.0
 
 
 def chords_of(solid: Solid, rim: Rim) -> Chords:
-    """Return the chords that the mesh of a rim's wall makes of it."""
+    """Return the chords of a rim in the mesh of its wall."""
     if rim.course is not None:
         angles, radii = rim.course.angles_rad, rim.course.radii_mm
         middle = angles + 0.5 * np.diff(angles, append=angles[0] + 2 * np.pi)

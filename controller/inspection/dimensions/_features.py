@@ -1,4 +1,4 @@
-"""Features that are fitted in a picture: a hole or boss by its rims, a face by its edges."""
+"""Features to fit in a picture: holes and bosses by their rims, faces by their edges."""
 
 from dataclasses import dataclass, field
 from typing import Final
@@ -21,7 +21,7 @@ from ._curves import (
 )
 from ._rays import Rays
 
-MIN_TURN_RAD: Final = 1e-3  # an arc that turns less is straight
+MIN_TURN_RAD: Final = 1e-3  # turn below which an arc counts as straight
 NO_POINTS: Final = np.zeros((0, 2))
 
 
@@ -66,9 +66,9 @@ class RimFeature:
     def light_angles(self, rays: Rays) -> FloatArray:
         """Return the angles (n,) round which light moves its edges unevenly.
 
-        On an arc these are the angles in space, and so many times more as it turns less than that
-        in the picture, or more: where it is seen flat, little light bends it as another radius
-        would.
+        On an arc these are the angles in space, times the ratio of its turns in space and in the
+        picture, the larger over the smaller: at a grazing angle a small effect of light bends the
+        arc like another radius.
         """
         rim = self.rims[0]
         if rim.sweep_rad > FULL_RAD:
@@ -79,15 +79,15 @@ class RimFeature:
 
     @property
     def sought_first(self) -> BoolArray:
-        """Mask of the unknowns (3,) for which a first look solves."""
+        """Mask (3,) of the unknowns solved for in the first look."""
         return self.kept
 
     @property
     def kept(self) -> BoolArray:
-        """Mask of the unknowns (3,) that a second look takes over from the first.
+        """Mask (3,) of the unknowns that the second look takes over from the first.
 
-        An arc hardly tells its radius from its place: with another radius it would be looked for
-        along another arc, of another length.
+        On an arc, radius and place are hardly separable: with another radius the second look would
+        search along another arc, of another length.
         """
         return np.array([True, True, self.rims[0].sweep_rad > FULL_RAD])
 
@@ -99,13 +99,13 @@ class RimFeature:
 
 @dataclass(eq=False)
 class FaceFeature:
-    """A plane by its edges; unknowns: its shift, then of each edge its slope, or its radius.
+    """A plane by its edges; unknowns: its shift, then the slope or the radius of each edge.
 
     Attributes
     ----------
     lines : straight edges that lie on it
-    directions : (k, 3) unit, the way each is shifted
-    rims : circular edges that lie on it, shifted the way of the first
+    directions : (k, 3) unit, direction of each edge's shift
+    rims : circular edges that lie on it, shifted along the first direction
     """
 
     lines: tuple[EdgeLine, ...]
@@ -151,12 +151,12 @@ class FaceFeature:
 
     @property
     def sought_first(self) -> BoolArray:
-        """Mask of the unknowns (p,) for which a first look solves."""
+        """Mask (p,) of the unknowns solved for in the first look."""
         return np.ones(self.unknown_count, dtype=np.bool_)
 
     @property
     def kept(self) -> BoolArray:
-        """Mask of the unknowns (p,) that a second look takes over from the first."""
+        """Mask (p,) of the unknowns that the second look takes over from the first."""
         return np.asarray(np.arange(self.unknown_count) == 0, dtype=np.bool_)
 
     @property
@@ -176,18 +176,18 @@ class FeatureFit:
 
     Attributes
     ----------
-    reason : why it does not count; empty where it does
-    values_mm : (p,) unknowns, from nominal
+    reason : reason why it does not count; empty where it does
+    values_mm : (p,) unknowns, as deviations from nominal
     noise : (p, p) covariance from the scatter of the edge points [mm²]
-    pose : (p, 6) how they grow with an error of the part's position and rotation
-    edge : (p, k) standard uncertainties by light that moves edges, one of k ways each
-    wall, blur, facets : (p,) the same by walls seen flat and outlines beside an edge, by what blur
-        does to a round edge, and by a mesh that may be meant to be round
+    pose : (p, 6) derivatives by the part's position and rotation
+    edge : (p, k) standard uncertainties from k modes of light moving edges
+    wall, blur, facets : (p,) the same from walls at a grazing angle and outlines beside an edge,
+        from blur of a round edge, and from a mesh that may be meant to be round
     points_px, accepted : (n, 2), (n,) edge points
     shape_px : (k, 2) fitted shape
-    form_mm, form_u_mm : peak to valley of its edges about the shape, and the standard uncertainty
-    share : of the rays that were predicted
-    is_part : all checks passed but that too little of its edge shows, see `min_part`
+    form_mm, form_u_mm : peak to valley of its edges about the shape, and its standard uncertainty
+    share : share of the predicted rays
+    is_part : True if it failed only since too little of its edge shows, see `min_part`
     """
 
     reason: str

@@ -1,9 +1,9 @@
-"""Other edges and shadows that show beside the edge sought, on a part as drawn.
+"""Other edges and shadows expected beside the sought edge on a nominal part.
 
-Where an edge is found beside its nominal place, what was found may be something else that is where
-it belongs: the next edge of the part, the border of a shadow that the part or the gripper throws.
-The CAD model at its measured pose, the gripper and the lamps say where these are. A step there is
-explained without the edge, and no proof that the edge has moved.
+An edge found beside its nominal place may really be another feature in its proper place: the next
+edge of the part, or the border of a shadow of the part or the gripper. The CAD model at its
+measured pose, the gripper and the lamps predict where these are. A step there does not prove that
+the sought edge has moved.
 """
 
 from typing import Final
@@ -19,13 +19,17 @@ from ._rays import NONE, Rays
 from ._types import BACKLIT, PosedView
 
 STEP_PX: Final = 0.5  # distance between the tested places of a ray
-SOFT: Final = 4  # steps over which a shadow's border counts as an edge; a wider one does not
-# Share of the lamp that is hidden; a ring of six points loses a sixth at a time.
+# Largest width, in steps, of a shadow's border that counts as an edge.
+SOFT: Final = 4
+# Hidden share of the lamp that makes a border; a ring of six points loses a sixth at a time.
 SHADED: Final = 0.1
 APART_PX: Final = 1.5  # distance below which blur merges two steps into one
-ON_PX: Final = 1.0  # distance of a step from a shape within which it is on it, by pose and blur
-MIN_SHARE: Final = 0.5  # least share of the rays; most agree on one edge, a crossing edge meets few
-MAX_RAYS: Final = 40  # rays tested for a feature; each takes a hundred rays into the CAD model
+# Largest distance of a step from a shape that it lies on, for errors of pose and blur.
+ON_PX: Final = 1.0
+# Least share of the rays; most rays agree on one edge, while a crossing edge meets few of them.
+MIN_SHARE: Final = 0.5
+# Largest number of rays tested for a feature; each takes a hundred rays into the CAD model.
+MAX_RAYS: Final = 40
 
 
 def is_explained(
@@ -36,15 +40,15 @@ def is_explained(
     rays: Rays,
     place_px: FloatArray,
 ) -> bool:
-    """Return True if another edge of the part as drawn shows where the edge was found.
+    """Return True if another edge of the nominal part explains the found edge.
 
     Parameters
     ----------
-    part : as drawn
-    scene : what else stands there
-    view, lamp : the picture
-    rays : (n,) that found the edge, at its nominal place
-    place_px : (n,) where on them it was found
+    part : nominal part
+    scene : scene without the part
+    view, lamp : view and lamp of the picture
+    rays : (n,) rays that found the edge, at its nominal place
+    place_px : (n,) places on them at which it was found
     """
     index = np.flatnonzero(np.abs(place_px) >= APART_PX)
     if 2 * len(index) < len(place_px):
@@ -56,7 +60,7 @@ def is_explained(
     offsets: FloatArray = np.arange(-count, count + 1, dtype=np.float64) * STEP_PX
     between = 0.5 * (offsets[1:] + offsets[:-1])
     is_step = _steps(part, scene, view, lamp, some, offsets)
-    # its own nominal edge explains nothing
+    # The nominal place of the sought edge explains nothing.
     is_step &= np.abs(between) >= APART_PX - ON_PX
     is_step &= np.abs(between - place[:, None]) <= ON_PX
     return bool(is_step.any(axis=1).mean() >= MIN_SHARE)
@@ -70,7 +74,7 @@ def _steps(
     rays: Rays,
     offsets_px: FloatArray,
 ) -> BoolArray:
-    """Return the intervals between places of rays in which an edge or a shadow's border shows.
+    """Return the intervals between places of rays that contain an edge or a shadow's border.
 
     Parameters
     ----------
@@ -105,7 +109,7 @@ def _steps(
         is_open &= ~part.caster.blocked(points, towards)
         if scene.holder is not None:
             world = transform(T, points)
-            # what stands behind the lamp takes none of its light
+            # Objects behind the lamp take none of its light.
             is_open &= ~scene.holder.blocked(world, towards @ T[:3, :3].T, 1.0)
         lit[met] += is_open / len(sources)
     lit = lit.reshape(shape)

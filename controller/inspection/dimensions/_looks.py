@@ -1,7 +1,7 @@
-"""One picture's value of a characteristic from fitted features, with its uncertainty by name.
+"""Value of a characteristic in one picture from fitted features, with uncertainties by name.
 
-Every source of error is carried as a covariance of the value: so what two edges have in common, as
-the pose, falls out of their difference by itself, and depth becomes scale.
+Every source of error is carried as a covariance of the value. Errors common to two edges, such as
+those of the pose, thus cancel in their difference, and an error of depth becomes one of scale.
 """
 
 import math
@@ -38,8 +38,8 @@ POSE: Final = "pose"
 LENS: Final = "lens"
 SCALE: Final = "scale"
 TEMPERATURE: Final = "temperature"
-MAX_EDGES: Final = 4  # longest edges used of a plane; each costs as much as a bore
-SAME_AXIS_MM: Final = 0.05  # distance of axes below which arcs belong to one end of a slot
+MAX_EDGES: Final = 4  # number of a plane's longest edges used; each costs as much as a bore
+SAME_AXIS_MM: Final = 0.05  # distance between axes below which arcs belong to one end of a slot
 # Kinds that follow from a circle's place or radius; a depth does not.
 OF_A_RIM: Final = frozenset(
     {
@@ -49,25 +49,26 @@ OF_A_RIM: Final = frozenset(
         CharacteristicKind.ROUNDNESS,
     }
 )
-# In two directions 95 % lie within 2.45 standard deviations, in one within 1.96.
+# Ratio of the 95 % ranges in two directions, 2.45 standard deviations, and in one, 1.96.
 ROUND: Final = 2.45 / 2.0
-FAR_OUT: Final = 3.0  # in uncertainties: a place farther from nominal is off in one direction
+# Distance from nominal, in uncertainties, beyond which a place is off in one direction.
+FAR_OUT: Final = 3.0
 NOTHING: Final[Mapping[str, FloatArray]] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Estimate:
-    """One picture's estimate of a characteristic, before looks are combined.
+    """Estimate of a characteristic from one picture, before looks are combined.
 
     Attributes
     ----------
-    look : for the report; its reason says why it does not count
-    vector_mm : (m,) deviation from nominal; of a position two components, in the directions of
+    look : record for the report, with the reason where it does not count
+    vector_mm : (m,) deviation from nominal; two components for a position, in the directions of
         `rim_directions`, else one
-    parts : covariances (m, m) that it is uncertain by, by name
+    parts : covariances (m, m) by name of the error
     towards : (3,) unit, CAD frame, to the camera
-    grasp : the view's
-    is_part : its reason is no more than that too little of an edge shows
+    grasp : grasp of the view
+    is_part : True if its only reason is that too little of an edge shows
     """
 
     look: Look
@@ -81,7 +82,7 @@ class Estimate:
 def features_of(characteristic: Characteristic) -> tuple[Feature, ...]:
     """Return the features to fit for a characteristic: one, two, or three.
 
-    There are none where the CAD model has no edge that shows it, or no edge can.
+    There are none where the CAD model has no edge that shows it.
     """
     geometry, kind = characteristic.geometry, characteristic.kind
     if isinstance(geometry, RimGeometry):
@@ -120,14 +121,14 @@ def _slot_ends(rims: tuple[Rim, ...]) -> tuple[tuple[Rim, ...], ...]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sought:
-    """A characteristic as it is sought in pictures.
+    """A characteristic to be sought in pictures.
 
     Attributes
     ----------
-    characteristic : what is asked
-    features : to be fitted, by what is the same for features that need fitting but once
-    rows : (m, p) each, how the value follows from the unknowns of each feature
-    length_mm : over what length
+    characteristic : the characteristic
+    features : features to fit, by a key that is equal for features that need only one fit
+    rows : (m, p) each, derivatives of the value by the unknowns of each feature
+    length_mm : length that the value spans
     """
 
     characteristic: Characteristic
@@ -137,12 +138,12 @@ class Sought:
 
     @property
     def is_halved(self) -> bool:
-        """True if the value is made of two features, which two pictures may show."""
+        """True if the value depends on two features, which different pictures may show."""
         is_angle = self.characteristic.kind is CharacteristicKind.ANGLE
         return not is_angle and len(self.features) == 2
 
     def middle_mm(self, which: int) -> FloatArray:
-        """Return the middle (3,) of a feature, by its number, CAD frame."""
+        """Return the middle (3,) of a feature, given by its number, CAD frame."""
         return tuple(self.features.values())[which].middle_mm
 
 
@@ -157,7 +158,7 @@ def seek(characteristic: Characteristic, solid: Solid) -> Sought | None:
     features = features_of(characteristic)
     if not features:
         return None
-    # a value has as many rows as features, but those that no lengths follow from have none
+    # A value has one row per feature, except deviations of form, which have none.
     is_form = characteristic.kind in (CharacteristicKind.ROUNDNESS, CharacteristicKind.STRAIGHTNESS)
     rows, length_mm = ([], 0.0) if is_form else _rows(characteristic, features, solid)
     by_key = {feature_key(feature): feature for feature in features}
@@ -165,7 +166,7 @@ def seek(characteristic: Characteristic, solid: Solid) -> Sought | None:
 
 
 def feature_key(feature: Feature) -> tuple[object, ...]:
-    """Return a key that is equal for features that need fitting but once."""
+    """Return a key that is equal for features that need only one fit."""
     if isinstance(feature, RimFeature):
         return tuple(id(rim) for rim in feature.rims)
     edges = (*feature.lines, *feature.rims)
@@ -180,15 +181,15 @@ def estimate(
     settings: MeasuringSettings,
     only: int | None = None,
 ) -> Estimate:
-    """Return one picture's estimate of a characteristic, or of one of its two features.
+    """Return an estimate from one picture of a characteristic, or of one of its two features.
 
     Parameters
     ----------
-    sought : what is asked
-    fits : of its features, in order
-    view, lamp : the picture
-    settings : what is uncertain before any picture
-    only : which feature, where the other is taken from other pictures; None for all
+    sought : the sought characteristic
+    fits : fits of its features, in order
+    view, lamp : view and lamp of the picture
+    settings : uncertainties before any picture
+    only : number of one feature, where the other is taken from other pictures; None for all
     """
     characteristic = sought.characteristic
     if only is not None:
@@ -209,7 +210,7 @@ def estimate(
     else:
         rows, length_mm = sought.rows, sought.length_mm
         if only is not None:
-            # what grows with the length counts once
+            # Errors that grow with the length count once.
             rows, length_mm = rows[only : only + 1], length_mm * (only == 0)
         vector = np.sum([r @ f.values_mm for r, f in zip(rows, fits, strict=True)], axis=0)
         is_angle = characteristic.kind is CharacteristicKind.ANGLE
@@ -249,12 +250,12 @@ def largest_eigenvalue(symmetric: FloatArray) -> float:
 def value_of(
     characteristic: Characteristic, vector_mm: FloatArray, covariance: FloatArray
 ) -> tuple[float, float]:
-    """Return the value and its standard uncertainty; of a position its distance from nominal.
+    """Return the value and its standard uncertainty; for a position, its distance from nominal.
 
     Parameters
     ----------
     characteristic : what is asked
-    vector_mm, covariance : (m,), (m, m) deviation from nominal
+    vector_mm, covariance : (m,) deviation from nominal, and its (m, m) covariance
     """
     u = math.sqrt(max(largest_eigenvalue(covariance), 0.0))
     if characteristic.kind is CharacteristicKind.POSITION:
@@ -270,9 +271,9 @@ def _parts(
 
     Parameters
     ----------
-    rows : (m, p) of each feature
-    fits : each feature's
-    covariance : (6, 6) of the pose
+    rows : (m, p) derivatives by each feature's unknowns
+    fits : fit of each feature
+    covariance : (6, 6) covariance of the pose
     """
     noise = np.sum([r @ f.noise @ r.T for r, f in zip(rows, fits, strict=True)], axis=0)
     pose = np.sum([r @ f.pose for r, f in zip(rows, fits, strict=True)], axis=0)
@@ -283,7 +284,7 @@ def _parts(
         ]
         by = np.sum(each, axis=0)
         together, apart = by @ by.T, np.sum([one @ one.T for one in each], axis=0)
-        # light need not err alike at two edges: what would fall out of their difference stays
+        # Light may affect two edges differently, so its error does not cancel in the difference.
         is_less = name == LIGHT and np.trace(together) < np.trace(apart)
         parts[name] = apart if is_less else together
     return parts
@@ -309,7 +310,7 @@ def _rows(
             away = away - (away @ rim.axis) * rim.axis
             return rows, characteristic.length_mm or float(np.linalg.norm(away))
         if kind is CharacteristicKind.LENGTH:
-            # from end to end: the distance of the axes, and both radii
+            # Length from end to end: the distance between the axes plus both radii.
             way = features[1].middle_mm - features[0].middle_mm
             way = way - (way @ rim.axis) * rim.axis
             way /= max(float(np.linalg.norm(way)), 1e-9)
@@ -344,7 +345,7 @@ def _across(own: FloatArray, feature: Feature) -> FloatArray:
 
 
 def _facing(characteristic: Characteristic) -> FloatArray:
-    """Return the direction (3,) of the best view of a characteristic."""
+    """Return the direction (3,) from which a characteristic is seen best."""
     geometry = characteristic.geometry
     if isinstance(geometry, RimGeometry):
         return np.asarray(geometry.rims[0].axis)
@@ -363,7 +364,7 @@ def _face(
 
 
 def _sides(geometry: EdgePairGeometry) -> tuple[FaceFeature, FaceFeature]:
-    """Return the longest edge of each face, turned about the normal of the plane they span."""
+    """Return the longest edge of each face, turning about the normal of the plane they span."""
     one = max(geometry.one, key=_length)
     other = max(geometry.other, key=_length)
     first, second = _along(one), _along(other)

@@ -1,8 +1,8 @@
-"""Features fitted in one picture: rays across their predicted edges, twice, and self-checks.
+"""Fit of features in one picture: two looks along rays across predicted edges, and self-checks.
 
-The first look goes far, along some of the rays, for a dimension may be wrong by many pixels. The
-second goes along all of them, placed anew where the first found the edge, so that each crosses it
-squarely and in its middle.
+The first look has a wide reach and uses some of the rays, since a dimension may be wrong by many
+pixels. The second uses all rays, placed anew where the first found the edge, so that each crosses
+the edge squarely at its middle.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,22 +28,23 @@ from ._rivals import rival_px
 from ._types import BACKLIT, MeasuringSettings, PosedView
 from .solving import Solution, solve
 
-# Reach of the first look; before a panel no other edge looks alike.
+# Reach of the first look; before a panel no other edge can be mistaken for the sought one.
 FAR_PX: Final = {True: 16.0, False: 6.0}
-FAR_SHARE: Final = 0.6  # largest reach as a share of a radius; farther off is the other side
+# Largest reach as a share of a radius; beyond it lies the opposite side of the circle.
+FAR_SHARE: Final = 0.6
 NEAR_PX: Final = 2.5
-SLACK_PX: Final = 1.0  # reach added to the second look for the first look's error
+SLACK_PX: Final = 1.0  # reach added to the second look for the error of the first
 LEAN_KNOWN: Final = 0.3  # standard uncertainty of a lean, as a share of it
-FEW: Final = 32  # rays of the first look
-EITHER: Final = 1 / 3**0.5  # standard deviation of a rectangle, of half its width
-RECTANGLE: Final = 1 / 12**0.5  # standard deviation of a rectangle, of its width
-# Standard uncertainty of the light's end beside a CAD edge, as a share of the distance.
+FEW: Final = 32  # number of rays in the first look
+EITHER: Final = 1 / 3**0.5  # standard deviation of a rectangular distribution of half width 1
+RECTANGLE: Final = 1 / 12**0.5  # standard deviation of a rectangular distribution of width 1
+# Standard uncertainty of the border of light beside a CAD edge, as a share of its distance.
 OUTLINE_KNOWN: Final = 0.5
-BLUR_KNOWN: Final = 0.1  # difference of a lens's blur from a Gaussian one, as a share
-# Uncertainty as a share of a chord's height; blur rounds the corners between chords.
+BLUR_KNOWN: Final = 0.1  # difference between a lens's blur and a Gaussian one, as a share
+# Uncertainty as a share of a chord's height, since blur rounds the corners between chords.
 CHORDS_KNOWN: Final = 0.1
 ANOTHER: Final = "another edge of the part, or a shadow's border, belongs where it was found"
-WAVES: Final = 3  # waves round a circle by which light may move its edge
+WAVES: Final = 3  # number of waves round a circle in which light may move its edge
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -52,13 +53,13 @@ class Prediction:
 
     Attributes
     ----------
-    view, scene : the view, and what else stands there
-    features : in order
-    rays : across all their edges
-    feature, curve : (n,) which feature each ray is of, and which of its edges, from 0
-    curve_counts : how many edges each feature has
-    pixel_mm : size of a pixel at the part
-    pivot_mm : (3,) world, about which its rotation is uncertain
+    view, scene : the view, and its scene without the part
+    features : features, in order
+    rays : rays across all their edges
+    feature, curve : (n,) number of each ray's feature, and of the edge in it, from 0
+    curve_counts : number of edges of each feature
+    pixel_mm : pixel size at the part
+    pivot_mm : (3,) world, centre of the uncertain rotation
     """
 
     view: PosedView
@@ -78,8 +79,8 @@ def predict(part: PosedPart, view: PosedView, features: Sequence[Feature]) -> Pr
     Parameters
     ----------
     part : the part
-    view : with its pose
-    features : of the part
+    view : the view, with its pose
+    features : features of the part
     """
     camera, T = view.task.camera, view.T_world_part
     pivot = transform(T, part.solid.centroid_mm[None])[0]
@@ -114,15 +115,15 @@ def fit_features(
     sharpness: Sharpness | None,
     settings: MeasuringSettings,
 ) -> tuple[list[FeatureFit], Sharpness | None]:
-    """Return one picture's fit of each feature, and the sharpness of its edges.
+    """Return the fit of each feature in one picture, and the sharpness of its edges.
 
     Parameters
     ----------
     part : the part
-    prediction : what must show
-    lamp : which picture, `BACKLIT` or a lamp
-    sharpness : of the view's backlit picture; None for that itself
-    settings : when a measurement counts
+    prediction : predicted edges
+    lamp : lamp of the picture, or `BACKLIT`
+    sharpness : sharpness of the view's backlit picture; None for that picture itself
+    settings : limits of a valid measurement
     """
     view, rays = prediction.view, prediction.rays
     is_backlit = lamp == BACKLIT
@@ -141,7 +142,7 @@ def fit_features(
         with_rotation(again, view.T_world_part, prediction.pivot_mm),
         rising=chosen.rising,
         wall_px=chosen.wall_px,
-        # under a lamp the edge itself shows
+        # Under a lamp the edge itself is visible.
         outline_px=chosen.outline_px if is_backlit else np.zeros(len(index)),
         spacing_px=chosen.spacing_px,
     )
@@ -184,7 +185,7 @@ def _first_look(
     noise: float,
     counts: IndexArray,
 ) -> list[FloatArray]:
-    """Return the unknowns of each feature by a look with a wide reach, zeros where it has none."""
+    """Return the unknowns of each feature from a look with a wide reach; zeros without a fit."""
     is_backlit = rising is not None
     rays, owner = prediction.rays, prediction.feature[index]
     stride = np.maximum(counts // FEW, 1)[owner] if len(owner) else owner
@@ -205,7 +206,7 @@ def _first_look(
         start = np.zeros(feature.unknown_count)
         if len(mine) >= 2 * feature.unknown_count:
             some = sides.chosen(mine)
-            # the other side of a small hole is no edge of this side
+            # The opposite side of a small hole must not be taken for this side.
             radius = 1.0 / np.maximum(np.abs(some.curvature), 1e-6)
             offset = np.where(
                 np.abs(found.offset_px[mine]) < FAR_SHARE * radius, found.offset_px[mine], np.nan
@@ -215,9 +216,9 @@ def _first_look(
             variance = np.square(found.sigma_px[mine]) + SURE_PX**2
             answer = _solved(design * feature.sought_first, some, offset, variance)
             if answer is not None:
-                # an edge is placed anew, and not turned: its slope is found again
+                # An edge is placed anew but not turned; its slope is found again.
                 anew = np.where(feature.kept, answer.values, 0.0)
-                # of unknowns hardly told apart, what a second look reaches from nominal stays there
+                # Hardly separable unknowns stay nominal if the second look reaches them from there.
                 is_near = np.abs(design @ anew).max() <= NEAR_PX - SLACK_PX
                 if feature.kept.all() or not is_near:
                     start = anew
@@ -228,14 +229,14 @@ def _first_look(
 def _placed_again(
     part: PosedPart, prediction: Prediction, moved: Sequence[FloatArray], index: IndexArray
 ) -> Rays:
-    """Return some of the rays, placed anew across edges that have moved.
+    """Return some of the rays, placed anew across moved edges.
 
     Parameters
     ----------
     part : the part
-    prediction : with the rays as they were placed
-    moved : of each feature, its unknowns
-    index : (n,) which rays, in order
+    prediction : prediction, with the original rays
+    moved : unknowns of each feature
+    index : (n,) numbers of the rays, in order
     """
     which = prediction.rays.curve
     first = np.searchsorted(which, np.arange(int(which[-1]) + 1))
@@ -263,7 +264,7 @@ def _placed_again(
 def _solved(
     design: FloatArray, rays: Rays, offset: FloatArray, variance: FloatArray
 ) -> Solution | None:
-    """Return the solution for the unknowns that any ray shows, the others zero."""
+    """Return the solution for the unknowns that any ray constrains, the others zero."""
     shown = np.abs(design).max(axis=0) > 0
     found = solve(design[:, shown], offset, variance, rays.spacing_px)
     if found is None or shown.all():
@@ -287,17 +288,17 @@ def _fit(
     beside_px: Callable[[FloatArray, float], float],
     is_another: Callable[[FloatArray], bool],
 ) -> FeatureFit:
-    """Return a feature fitted to the edges found beside it, or the reason for a failure.
+    """Return a feature fitted to the edges found near it, or the reason for a failure.
 
     Parameters
     ----------
-    feature : what is fitted
-    rays, curve : those that must show it, and which of its edges each crosses
-    found : what they crossed
+    feature : the feature
+    rays, curve : rays that must show it, and the number of the edge that each crosses
+    found : steps found along the rays
     moved : its unknowns so far
-    picture, settings : what edges must be like
-    beside_px : how far from where it was found, of so much contrast, another edge shows
-    is_another : whether another edge of the part, or a shadow, belongs where it was found
+    picture, settings : required properties of edges
+    beside_px : distance of a rival edge from the fit, given the contrast found
+    is_another : test whether another edge of the part, or a shadow, explains the found place
     """
     good = found.is_found & (found.sigma_px <= settings.max_ray_px)
     points = rays.pixels + np.nan_to_num(found.offset_px)[:, None] * rays.normals
@@ -307,14 +308,14 @@ def _fit(
             f"{100 * good.mean():.0f} % of its edge found where it must show, "
             f"{100 * settings.min_share:.0f} % is required"
         )
-        # before a panel an edge has light wherever it is
+        # Before a panel an edge is lit wherever it is.
         least = np.inf if picture.is_backlit else settings.min_part * len(good)
         if good.sum() < max(least, settings.min_rays):
             nowhere = np.zeros(len(good), dtype=np.bool_)
             return FeatureFit(little, points_px=points, accepted=nowhere)
     width = median(found.width_px[good])
-    # what blur does to a round edge, what light on a wall seen flat does on the average, and what
-    # of the part ends the light a little beside the edge
+    # Mean effects of blur on a round edge, of light on a wall at a grazing angle, and of the solid
+    # where it blocks the light slightly beside the edge.
     blur = blur_shift_px(width, rays.curvature)
     lean = lean_px(found, good, picture)
     offset = found.offset_px + blur + lean
@@ -334,7 +335,7 @@ def _fit(
     edge_px = settings.backlit_edge_px if picture.is_backlit else settings.lit_edge_px
     if not picture.is_backlit:
         contrast = median(np.abs(found.contrast[used]))
-        # either of two edges may be the one: U covers both
+        # Either of two edges may be the right one: U covers both.
         edge_px = float(np.hypot(edge_px, EITHER * beside_px(moved + answer.values, contrast)))
     form, form_u = form_of(answer, rays, curve, found)
     fitted = rays.pixels + (answer_place(feature, rays, curve, answer))[:, None] * rays.normals
@@ -359,12 +360,12 @@ def _fit(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Made:
-    """What a round edge has of its mesh's chords.
+    """Share of its mesh's chords in a round edge.
 
     Attributes
     ----------
-    share, share_u : 0 for a circle, 1 for the chords, and the standard uncertainty
-    chord_px : (n,) where the chords are along the rays, turned as they show most
+    share, share_u : 0 for a circle, 1 for the chords; and its standard uncertainty
+    chord_px : (n,) offsets of the chords along the rays, at the turn that fits best
     """
 
     share: float
@@ -373,17 +374,17 @@ class _Made:
 
 
 def _chords_made(design: FloatArray, rays: Rays, offset: FloatArray, variance: FloatArray) -> _Made:
-    """Return the share of its mesh's chords in a round edge, and the standard uncertainty.
+    """Return the share of its mesh's chords in a round edge, and its standard uncertainty.
 
-    A mesh's corners lie on the circle, its chords inside. A part that was turned is round; one that
-    was printed or emulated from the mesh has the chords, and is narrower by two thirds of their
-    height. Along the edge the one is even and the other is not, which a picture shows. The mesh may
-    be turned against the part, where that looks alike from several sides. Where no picture tells,
-    both are as likely.
+    The corners of a mesh lie on the circle, its chords inside. A part made on a lathe is round; one
+    printed or emulated from the mesh has the chords, and is narrower by two thirds of their height.
+    A circle is even along the edge and chords are not, which a picture shows. The mesh may be
+    turned against a part that looks the same from several sides. Where a picture cannot decide,
+    both are equally likely.
 
     Parameters
     ----------
-    design, rays, offset, variance : as `_solved` has them
+    design, rays, offset, variance : see `_solved`
     """
     unknown = _Made(0.5, 0.5, rays.chord_px[:, 0])
     if np.ptp(rays.chord_px) == 0:
@@ -401,22 +402,22 @@ def _chords_made(design: FloatArray, rays: Rays, offset: FloatArray, variance: F
     seen_u = float(np.sqrt(answer.noise[-1, -1]))
     known = float(np.hypot(seen_u, CHORDS_KNOWN))
     share = float(expit((seen - 0.5) / known**2))
-    # what lies between a circle and the chords, or beyond, is neither
+    # An edge between the circle and the chords, or beyond them, is neither.
     between = max(abs(seen - share) - seen_u, 0.0)
     share_u = float(np.sqrt(share * (1.0 - share) + between**2 + CHORDS_KNOWN**2))
     return _Made(share, min(share_u, 0.5), rays.chord_px[:, turn])
 
 
 def _modes(feature: Feature, rays: Rays) -> FloatArray:
-    """Return the modes (n, k) in which light may move an edge: as a whole, and unevenly.
+    """Return the modes (n, k) in which light may move an edge, as a whole and unevenly.
 
-    Round a whole circle only the first moves a radius and the next two a place. Of an arc that
-    shows, all the rest are taken for one or the other as well.
+    Round a whole circle, only the first mode changes the radius and only the next two the place. On
+    a visible arc, all other modes change one or the other as well.
 
     Parameters
     ----------
-    feature : that they are taken for
-    rays : across its edges
+    feature : feature whose fit they affect
+    rays : rays across its edges
     """
     angle = feature.light_angles(rays)
     waves = [wave(k * angle) for k in range(1, WAVES + 1) for wave in (np.cos, np.sin)]
@@ -428,8 +429,8 @@ def answer_place(feature: Feature, rays: Rays, curve: IndexArray, answer: Soluti
 
     Parameters
     ----------
-    feature : what was fitted
-    rays, curve : across its edges
+    feature : fitted feature
+    rays, curve : rays across its edges, and the number of each one's edge
     answer : the fit
     """
     return np.asarray(feature.design(rays, curve.astype(np.float64)) @ answer.values)

@@ -1,11 +1,11 @@
-"""Rays across the predicted edges of a part in a picture, and the surfaces on either side.
+"""Rays across predicted edges of a part in a picture, with the surfaces on either side.
 
-Before a backlight panel an edge shows where the panel is seen on one side of it and the part on the
-other: of a hole seen obliquely that is the near rim on one side and the far rim on the other. So
-each ray is compared with the edge that ends the light there.
+Before a backlight panel an edge is visible where the panel lies on one side of it and the part on
+the other. For a hole seen obliquely, this is the near rim on one side and the far rim on the other.
+Each ray is therefore compared with the edge that blocks the light there.
 
-A wall that is seen flat throws the panel's light back like a mirror. Where it is only a few pixels
-wide in the picture, the edge that shows may be either of its two ends.
+A wall at a grazing angle reflects the panel's light like a mirror. Where it is only a few pixels
+wide in the picture, the visible edge may be either of its two ends.
 """
 
 from collections.abc import Sequence
@@ -21,16 +21,17 @@ from .._pose import PosedPart
 from .._scene import ViewScene
 from ._curves import Curve
 
-# Distances at which either side of an edge is probed.
+# Distances from an edge at which its sides are probed.
 BESIDE_PX: Final = np.array([0.12, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0])
-# Distances at which the next edge is sought.
+# Distances from an edge at which the next one is sought.
 FARTHER_PX: Final = np.array([6.0, 8.0, 11.0, 14.0, 18.0, 24.0, 32.0])
-CLOSE_PX: Final = 0.25  # distance from which one side must be all panel
-PLAIN_PX: Final = 1.0  # distance from which the other side must be all part
-NEAR_PX: Final = 3.0  # distance within which no other edge may be, under a lamp
-FLAT_COS: Final = 0.5  # cosine of incidence; a wall seen flatter throws light back
-FREE_PX: Final = 0.5  # distance outside the edge from which the camera must be in sight
-# Distances tested for the end of the light beside an edge; beyond them another edge ends it.
+CLOSE_PX: Final = 0.25  # distance from which one side must show only the panel
+PLAIN_PX: Final = 1.0  # distance from which the other side must show only the part
+NEAR_PX: Final = 3.0  # least distance of another edge under a lamp
+FLAT_COS: Final = 0.5  # cosine of incidence below which a wall reflects the panel
+FREE_PX: Final = 0.5  # distance outside the edge at which the line of sight must be free
+# Distances from an edge at which the border of the light is sought; beyond them it belongs to
+# another edge.
 OUTSIDE_PX: Final = np.arange(1, 6) * 0.05
 NONE: Final = -1
 
@@ -41,25 +42,26 @@ class Rays:
 
     Attributes
     ----------
-    curve : (n,) which curve
-    points_mm : (n, 3) CAD frame
-    pixels, normals : (n, 2) where they begin, and unit, the way an offset is counted
-    design : (n, p) how far the edge moves along the ray with each unknown of its feature [px/mm]
-    pose : (n, 6) how far it moves with the part's position and rotation [px/mm, px/rad]
-    spacing_px : (n,) to the next ray
-    curvature : (n,) of the edge in the picture [1/px], positive where it bends away from the normal
-    rising : (n,) before the panel: 1 where it gets brighter along the ray, -1 darker, 0 where the
-        edge does not show
-    shows_lit : (n,) it may show under a lamp
-    wall_px : (n,) width of a wall seen flat on the dark side, 0 where there is none or it is wide
-    px_per_mm : (n,) along the offset
-    facet_px : (n,) how far the mesh's chords are from the edge
-    chord_px : (n, k) where the mesh's own edge is, along the ray, and where it would be were the
-        mesh turned about the edge's axis, see `Curve`
-    outline_px : (n,) how far from it, outwards, the CAD model ends the panel's light; infinite
-        where that is another edge's outline
+    curve : (n,) number of the curve
+    points_mm : (n, 3) points of the edge, CAD frame
+    pixels, normals : (n, 2) origins, and unit directions in which offsets are positive
+    design : (n, p) derivatives of the edge's offset by the unknowns of its feature [px/mm]
+    pose : (n, 6) derivatives by the part's position and rotation [px/mm, px/rad]
+    spacing_px : (n,) distance to the next ray
+    curvature : (n,) curvature of the edge in the picture [1/px], positive where it bends away from
+        the normal
+    rising : (n,) before the panel: 1 where it gets brighter along the ray, -1 where darker, 0 where
+        the edge is not visible
+    shows_lit : (n,) True where it may be visible under a lamp
+    wall_px : (n,) width of a wall at a grazing angle on the dark side; 0 for none or a wide one
+    px_per_mm : (n,) scale along the offset
+    facet_px : (n,) distance of the mesh's chords from the edge
+    chord_px : (n, k) offsets of the mesh's own edge along the ray, also with the mesh turned about
+        the edge's axis, see `Curve`
+    outline_px : (n,) outward distance from the edge at which the CAD model blocks the panel's
+        light; infinite where that is another edge's outline
     outward : (n,) 1 where the ray leads out of the material, else -1
-    reach_px : (n, 2) to half-way to the next edge, before the panel and under a lamp
+    reach_px : (n, 2) half the distance to the next edge, before the panel and under a lamp
     """
 
     curve: IndexArray
@@ -81,7 +83,7 @@ class Rays:
     reach_px: FloatArray
 
     def chosen(self, which: BoolArray | IndexArray) -> "Rays":
-        """Return the rays with the given numbers, or of a mask."""
+        """Return the rays with the given numbers, or in a mask."""
         return Rays(*(getattr(self, name)[which] for name in self.__slots__))
 
 
@@ -151,12 +153,12 @@ def with_rotation(rays: Rays, T_world_part: FloatArray, pivot_world_mm: FloatArr
 
     Parameters
     ----------
-    rays : to be completed
+    rays : rays to complete
     T_world_part : (4, 4)
-    pivot_world_mm : (3,) about which the part's rotation is uncertain
+    pivot_world_mm : (3,) centre of the part's uncertain rotation
     """
     arm = transform(T_world_part, rays.points_mm) - pivot_world_mm
-    # a rotation w moves a point by w x arm, so along a by w . (arm x a)
+    # A rotation w moves a point by w x arm, and so along a by w . (arm x a).
     across = rays.pose[:, :3]
     pose = np.concatenate([across, np.cross(arm, across)], axis=1)
     values = {name: getattr(rays, name) for name in rays.__slots__}
@@ -175,11 +177,11 @@ def with_visibility(
 
     Parameters
     ----------
-    rays : as `place_rays` returns them for these curves
-    curves : CAD frame
-    part : what may hide them
-    T_world_part, camera : of the view
-    scene : what else stands there
+    rays : rays from `place_rays` for these curves
+    curves : curves, CAD frame
+    part : the part, which may hide them
+    T_world_part, camera : pose and camera of the view
+    scene : scene without the part
     """
     clear = _is_clear(rays, curves, part, T_world_part, camera, scene)
     index = np.flatnonzero(clear)
@@ -190,9 +192,9 @@ def with_visibility(
     face, cosine = _seen(part, T_world_part, camera, at.reshape(-1, 2))
     face, cosine = face.reshape(at.shape[:2]), cosine.reshape(at.shape[:2])
     half = len(BESIDE_PX)
-    # near the edge first, on both sides
+    # Probe near the edge first, on both sides.
     inner, outer = face[:, half - 1 :: -1], face[:, half:]
-    # nearer to the edge than the mesh knows it nothing can be said
+    # Closer to the edge than the error of the mesh, no side is certain.
     known = np.maximum(CLOSE_PX, 2.0 * rays.facet_px[index])[:, None] <= BESIDE_PX
     plain = BESIDE_PX >= PLAIN_PX
     inner_panel, outer_panel = (((side == NONE) | ~known).all(axis=1) for side in (inner, outer))
@@ -225,14 +227,14 @@ def with_visibility(
 
 
 def with_outline(rays: Rays, part: PosedPart, T_world_part: FloatArray, camera: Camera) -> Rays:
-    """Return the rays with the distance from their edge to the end of the panel's light.
+    """Return the rays with the distance from their edge to the border of the panel's light.
 
-    Where a wall is seen along its surface, its outline, or the wall's other rim, leaves a rim at a
-    tangent: for many pixels the light ends beside the rim by a share of one.
+    Where a wall is seen along its surface, its outline or its other rim leaves a rim at a tangent:
+    over many pixels the light ends a fraction of a pixel beside the rim.
 
     Parameters
     ----------
-    rays : that know where their edges show
+    rays : rays with the visibility of their edges
     part, T_world_part, camera : as `with_visibility`
     """
     index = np.flatnonzero(rays.rising)
@@ -243,7 +245,7 @@ def with_outline(rays: Rays, part: PosedPart, T_world_part: FloatArray, camera: 
     at = rays.pixels[index, None] + off[..., None] * rays.normals[index, None]
     face, _ = _seen(part, T_world_part, camera, at.reshape(-1, 2))
     is_part = (face != NONE).reshape(at.shape[:2])
-    # it ends between the last place that shows the part and the next
+    # It ends between the last place that shows the part and the next one.
     step = float(OUTSIDE_PX[0])
     ends = np.where(is_part, OUTSIDE_PX + 0.5 * step, 0.0).max(axis=1)
     outline_px = rays.outline_px.copy()
@@ -259,13 +261,13 @@ def _reach(
     T_world_part: FloatArray,
     camera: Camera,
 ) -> FloatArray:
-    """Return the range along rays of their own edge, (n, 2), before the panel and under a lamp.
+    """Return the range (n, 2) of each ray's own edge, before the panel and under a lamp.
 
     Parameters
     ----------
-    rays : some that show their edge
-    inner, outer : (n,) the face beside it, on the side of the ray's origin and on the other
-    part, T_world_part, camera : as `with_visibility`
+    rays : rays that show their edge
+    inner, outer : (n,) face beside the edge, on the side of the ray's origin and on the other
+    part, T_world_part, camera : see `with_visibility`
     """
     if len(rays.pixels) == 0:
         return np.zeros((0, 2))
@@ -285,12 +287,12 @@ def _reach(
 
 
 def _flat_px(face: Int32Array, cosine: FloatArray) -> FloatArray:
-    """Return the width (n, 1) of walls seen flat beside edges; 0 where it does not end."""
+    """Return the width (n, 1) of walls at a grazing angle beside edges; 0 for none or too wide."""
     flat = (face != NONE) & (cosine < FLAT_COS)
     run = np.cumprod(flat, axis=1)
     ends = run.sum(axis=1)
     edges = np.concatenate([[0.0], BESIDE_PX])
-    # it ends between the last place that shows it and the next
+    # It ends between the last place that shows it and the next one.
     width = 0.5 * (edges[ends] + edges[np.minimum(ends + 1, len(BESIDE_PX))])
     return np.asarray(np.where((ends == 0) | (ends == len(BESIDE_PX)), 0.0, width)[:, None])
 
@@ -303,7 +305,7 @@ def _is_clear(
     camera: Camera,
     scene: ViewScene,
 ) -> BoolArray:
-    """Return a mask (n,) of the edge points with a free line of sight to the camera."""
+    """Return a mask (n,) of edge points with a free line of sight to the camera."""
     width, height = camera.size_px
     reach = BESIDE_PX[-1]
     inside = ((rays.pixels > reach) & (rays.pixels < [width - 1 - reach, height - 1 - reach])).all(
@@ -324,7 +326,7 @@ def _is_clear(
 def _seen(
     part: PosedPart, T_world_part: FloatArray, camera: Camera, pixels: FloatArray
 ) -> tuple[Int32Array, FloatArray]:
-    """Return the faces (n,) that pixels show, `NONE` beside the part, and cosines of incidence."""
+    """Return the faces (n,) in pixels, `NONE` beside the part, and the cosines of incidence."""
     T_part_world = inverse_pose(T_world_part)
     eye = transform(T_part_world, camera.position_mm[None])[0]
     lines = camera.sight_lines(pixels) @ T_part_world[:3, :3].T
@@ -343,7 +345,7 @@ def _on_panel(scene: ViewScene, pixels: FloatArray) -> BoolArray:
 
 
 def _projection(world_mm: FloatArray, camera: Camera) -> FloatArray:
-    """Return the derivatives of pixels by world points, (n, 2, 3) [px/mm], central differences."""
+    """Return derivatives of pixels by world points (n, 2, 3) [px/mm], by central differences."""
     step = 0.01
     moved = np.concatenate(
         [world_mm + sign * step * axis for axis in np.eye(3) for sign in (1.0, -1.0)]

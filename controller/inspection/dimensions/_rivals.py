@@ -1,9 +1,9 @@
-"""Search for another edge between the place where an edge was found and its nominal place.
+"""Search for rival edges between a found edge and its nominal place.
 
-Under a lamp what is found need not be the edge: light inside a bore begins where its wall is lit, a
-rounding or a shadow beside an edge makes a line with two sides. Where the edge was found beside its
-nominal place, and more of its rays than chance would have it cross another step on one shape in
-between, either may be the edge, and the picture does not say which.
+Under a lamp, a found step need not be the edge: light inside a bore begins where its wall is lit,
+and a rounding or a shadow beside an edge makes a line with two sides. If an edge was found beside
+its nominal place, and more of its rays than by chance cross another step on one shape in between,
+either step may be the edge, and the picture cannot decide.
 """
 
 from typing import Final
@@ -17,14 +17,15 @@ from ._features import Feature
 from ._rays import Rays
 
 APART_PX: Final = 1.5  # distance below which blur merges two steps into one
-BESIDE_PX: Final = 1.0  # distance beyond the edge that was found, as seen from its nominal place
-NEAR_PX: Final = 0.75  # distance of a step from a shape within which it is on it
-# Least height as a share of the found edge, most of which is within two pixels.
+# Distance searched beyond the found edge, as seen from its nominal place.
+BESIDE_PX: Final = 1.0
+NEAR_PX: Final = 0.75  # largest distance of a step from a shape that it lies on
+# Least height of a step, as a share of the found edge's; most of it rises within two pixels.
 MIN_HEIGHT: Final = 0.15
-MIN_NOISE: Final = 6.0  # least height in noises of a pixel
+MIN_NOISE: Final = 6.0  # least height of a step, in standard deviations of a pixel's noise
 MIN_SHARE: Final = 0.2  # least share of the rays
 MIN_RAYS: Final = 8
-SHAPES: Final = np.linspace(-1.0, 1.0, 41)  # between nominal and found: 0 and 1
+SHAPES: Final = np.linspace(-1.0, 1.0, 41)  # tested places: 0 is nominal, 1 is the found one
 
 
 def rival_px(
@@ -36,16 +37,16 @@ def rival_px(
     values_mm: FloatArray,
     contrast: float,
 ) -> float:
-    """Return the distance from a fitted shape to the farthest other edge; 0 where there is none.
+    """Return the distance from a fitted shape to the farthest rival edge; 0 where there is none.
 
     Parameters
     ----------
     picture : (height, width)
-    feature : that was fitted
-    rays, curve : (n,) all that must show it, at its nominal place
-    noise : rms of a pixel [grey]
-    values_mm : (p,) where it was found, from nominal
-    contrast : of what was found [grey]
+    feature : fitted feature
+    rays, curve : (n,) all rays that must show it, at its nominal place, and their edges
+    noise : rms noise of a pixel [grey]
+    values_mm : (p,) fitted unknowns, as deviations from nominal
+    contrast : contrast of the found edge [grey]
     """
     place = feature.design(rays, curve.astype(np.float64)) @ values_mm
     far = float(np.abs(place).max())

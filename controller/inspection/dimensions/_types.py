@@ -1,4 +1,4 @@
-"""Inputs of measuring, and knowledge of camera, light and part before a picture."""
+"""Inputs of a measurement, and prior knowledge of camera, light and part."""
 
 from dataclasses import dataclass
 
@@ -16,12 +16,12 @@ class PosedView:
 
     Attributes
     ----------
-    task, pictures : the view, and what was taken there
-    T_world_part : (4, 4) measured
+    task, pictures : the view, and its pictures
+    T_world_part : (4, 4) measured pose
     covariance : (6, 6) of the centre of mass's position, world [mm], and of the rotation vector
         about it, world [rad]
-    grasp : views with the same number share the error of their pose
-    scene : what stands there; None to find it from the task
+    grasp : number of the grasp; views with the same number share the error of their pose
+    scene : scene without the part; None to derive it from the task
     """
 
     task: ViewTask
@@ -38,34 +38,35 @@ class PosedView:
 
 @dataclass(frozen=True, slots=True)
 class MeasuringSettings:
-    """Knowledge before a picture, and limits beyond which a measurement does not count.
+    """Prior knowledge, and limits beyond which a measurement does not count.
 
-    Uncertainties are standard ones. The light's are halves of a rectangle over the square root of
-    three, of an edge that may show 0.1 px beside its place before a panel, 0.12 px under a lamp, as
-    bright walls and broken edges make it: of 193 looks at bores under a lamp, path-traced in four
-    finishes, 90 % find the edge within 0.14 px, noise and all.
+    Uncertainties are standard ones. Those of light are half widths of a rectangular distribution
+    over the square root of three: bright walls and broken edges displace an edge by up to 0.1 px
+    before a panel and 0.12 px under a lamp. Of 193 looks at bores under a lamp, path-traced in four
+    finishes, 90 % find the edge within 0.14 px, noise included.
 
     Attributes
     ----------
-    backlit_edge_px, lit_edge_px : how far light moves an edge as a whole
-    unconfirmed_light : times so much, where one look under a lamp is all there is
-    lens_px : what calibration leaves of the lens, between two places of a picture
-    scale : relative, of the focal length and of the artefact it was calibrated with
-    temperature_k : of the part, against 20 degrees Celsius
-    expansion_per_k : of its material; aluminium, which expands most of what is machined
-    min_share : of the rays that were predicted to show the edge
-    min_part : the same of an edge under a lamp whose rest no light shows: enough for a value, and
-        not to decide upon it
-    min_rays : fewer show no shape
-    max_ray_px : a ray whose standard error is larger has no contrast against the noise
-    min_contrast_share : of panel against part; less is light that a wall throws back
-    max_width_change : of an edge against the picture's other edges
-    width_px : the narrowest and the widest edge a lens in focus makes
-    max_form_px : by which edge points may scatter about the fitted shape, beyond their noise
-    max_profile : how far a profile may be off a blurred step, share of its height, beyond
-        three times the noise
-    max_burnt : share of burnt out samples
-    independent_rad : two views so far apart, or two lamps, are two looks
+    backlit_edge_px, lit_edge_px : displacement of a whole edge by light
+    unconfirmed_light : factor on it where there is only one look under a lamp
+    lens_px : residual of the lens after calibration, between two places of a picture
+    scale : relative error of the focal length and of the calibration artefact
+    temperature_k : deviation of the part's temperature from 20 degrees Celsius
+    expansion_per_k : expansion of its material; aluminium, which expands most of machined materials
+    min_share : least share of the rays predicted to show the edge
+    min_part : the same for an edge under a lamp whose rest is dark: enough for a value, but not for
+        a verdict
+    min_rays : least number of rays that determine a shape
+    max_ray_px : largest standard error of a ray; beyond it there is no contrast against the noise
+    min_contrast_share : least contrast as a share of that between panel and part; less is light
+        reflected by a wall
+    max_width_change : largest change of an edge's width against the picture's other edges
+    width_px : narrowest and widest edge of a lens in focus
+    max_form_px : largest scatter of edge points about the fitted shape, beyond their noise
+    max_profile : largest deviation of a profile from a blurred step, as a share of its height,
+        beyond three times the noise
+    max_burnt : largest share of burnt-out samples
+    independent_rad : least angle between two views that are independent looks; two lamps are too
     """
 
     backlit_edge_px: float = 0.1 / 3**0.5

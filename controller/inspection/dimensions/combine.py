@@ -1,8 +1,7 @@
-"""Combination of looks: one value, one uncertainty, or the reason why there is none.
+"""Combination of looks into one value with its uncertainty, or the reason why there is none.
 
-Looks are weighted by their uncertainties. What they have in common does not become smaller by
-looking again: scale and temperature always, the pose within a grasp, the lens within a view, light
-under the same lamp.
+Looks are weighted by their uncertainties. Common errors do not average out: scale and temperature
+in all looks, the pose within a grasp, the lens within a view, light under the same lamp.
 """
 
 import math
@@ -33,8 +32,8 @@ from ._types import BACKLIT, MeasuringSettings
 
 DISAGREES: Final = "disagrees with the other looks"
 COVERAGE: Final = 2.0  # coverage factor k
-MAX_DROPPED: Final = 1 / 3  # largest share of the looks that may disagree with all others
-NAMED: Final = 2  # reasons that are named; more repeat the same
+MAX_DROPPED: Final = 1 / 3  # largest share of looks that may disagree with all others
+NAMED: Final = 2  # largest number of named reasons; more would only repeat them
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -44,13 +43,13 @@ class Combined:
     Attributes
     ----------
     measured_mm, U_mm : value and expanded uncertainty; None where nothing was evaluated
-    reason : why nothing was, or why it stays open
-    is_open : there is a value, but not enough to decide upon
-    is_disputed : it is open since looks contradict each other, or one that is required is missing
-    views : it comes from
-    looks : all of them; those left out say why
-    is_sure : two independent looks agree, or one before the panel, where no shadow looks like an
-        edge: enough for a FAIL
+    reason : reason why nothing was evaluated, or why the value remains open
+    is_open : True if there is a value that is not enough for a verdict
+    is_disputed : True if it is open since looks contradict each other, or a required one is missing
+    views : views that contributed
+    looks : all looks; those left out give the reason
+    is_sure : True if two independent looks agree, or there is one before the panel, where no shadow
+        looks like an edge: enough for a FAIL
     """
 
     measured_mm: float | None
@@ -71,16 +70,16 @@ def combine(
 ) -> Combined:
     """Return the combined value of all looks at a characteristic.
 
-    Looks that show too little of an edge make a value only where no others do, and they agree; it
-    stays open.
+    Looks that show too little of an edge give a value only if there are no others and they agree;
+    this value remains open.
 
     Parameters
     ----------
-    characteristic : what is asked
-    estimates : picture by picture
-    settings : which looks are independent
-    halves : of a difference, picture by picture what each feature says alone; taken where no
-        picture shows both. None of what they have in common falls out then
+    characteristic : the characteristic
+    estimates : estimates picture by picture
+    settings : settings, with the independence of looks
+    halves : estimates of each feature of a difference alone, picture by picture, used where no
+        picture shows both; their common errors then do not cancel
     """
     looks = [e.look for e in estimates]
     whole, part = _together(estimates, settings, halves), ""
@@ -88,7 +87,7 @@ def combine(
         whole, part = _together(estimates, settings, halves, parts=True), "light hides too much"
         every = chain(estimates, *halves)
         if whole is not None and whole.reason and all(e.look.reason for e in every):
-            # none of them would decide alone: that they contradict each other says no more
+            # None of them would decide alone, so a contradiction among them adds nothing.
             whole = None
     if whole is None:
         return Combined(None, None, _why_none(looks), False, False, (), tuple(looks))
@@ -110,9 +109,9 @@ def combine(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Mean:
-    """Agreeing looks as one; `dropped` are the others, by number, with the reason.
+    """Mean of agreeing looks; `dropped` are the others, by number, with the reason.
 
-    `is_twice`: two of them are independent; `is_sure`: as `Combined` has it.
+    `is_twice`: two of them are independent; `is_sure`: see `Combined`.
     """
 
     vector_mm: FloatArray
@@ -132,12 +131,12 @@ def _together(
     *,
     parts: bool = False,
 ) -> _Mean | None:
-    """Return the surer one of the mean of whole looks and the sum of looks at each half.
+    """Return the surer of the mean of whole looks and the sum of looks at each half.
 
     Parameters
     ----------
     estimates, settings, halves : see `combine`
-    parts : looks that show too little of an edge count, too
+    parts : True to include looks that show too little of an edge
     """
     whole = _chosen(estimates, settings, parts=parts)
     if not halves or (whole is not None and whole.reason):
@@ -155,12 +154,12 @@ def _together(
 def _chosen(
     estimates: Sequence[Estimate], settings: MeasuringSettings, *, parts: bool
 ) -> _Mean | None:
-    """Return the mean of the looks that count, None where there is none.
+    """Return the mean of the looks that count; None where there is none.
 
     Parameters
     ----------
     estimates, settings : see `combine`
-    parts : looks that show too little of an edge count, too
+    parts : True to include looks that show too little of an edge
     """
     good = [
         i
@@ -193,7 +192,7 @@ def _chosen(
             if is_contradicted:
                 return None
     if (not is_sure or any(e.is_part for e in used)) and LIGHT in shares:
-        # nothing confirms that the edge under the lamp is the part's and not its shadow's
+        # Nothing confirms that the edge under the lamp belongs to the part and not to its shadow.
         shares[LIGHT] = shares[LIGHT] * settings.unconfirmed_light**2
     views = tuple(dict.fromkeys(e.look.view_id for e in used))
     return _Mean(vector, shares, reason, is_twice, is_proven, True, views, tuple(dropped))
@@ -206,7 +205,7 @@ def _sum(halves: Sequence[_Mean]) -> _Mean:
     for name in dict.fromkeys([*one.parts, *other.parts]):
         both = [half.parts[name] for half in halves if name in half.parts]
         if name in (LIGHT, FACETS) and len(both) == 2:
-            # light moves both edges the same way, out of the material or into it
+            # Light moves both edges in the same sense, out of the material or into it.
             parts[name] = both[0] + both[1] + 2.0 * _geometric(both[0], both[1])
         else:
             parts[name] = np.sum(both, axis=0)
@@ -227,12 +226,12 @@ def _total(parts: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def is_independent(one: Estimate, other: Estimate, settings: MeasuringSettings) -> bool:
-    """Return True if light errs independently in two looks.
+    """Return True if the errors from light are independent in two looks.
 
     Parameters
     ----------
     one, other : the looks
-    settings : how far two views must be apart
+    settings : settings, with the least angle between the views
     """
     if one.look.lamp != other.look.lamp:
         return True
@@ -260,7 +259,7 @@ def _mean(
 
 
 def _is_shared(name: str, one: Estimate, other: Estimate, settings: MeasuringSettings) -> bool:
-    """Return True if an error is the same in two looks."""
+    """Return True if two looks share an error."""
     if name in (SCALE, TEMPERATURE, FACETS):
         return True
     if name == POSE:
@@ -293,7 +292,7 @@ def _worst(used: Sequence[Estimate]) -> tuple[int, float, float]:
         rest[i] = 0.0
         mean = (rest[:, None] * vectors).sum(axis=0) / rest.sum()
         off = float(np.linalg.norm(one.vector_mm - mean))
-        # the others' mean is no better than the best of them: they share errors
+        # The mean of the others is no better than the best of them, since they share errors.
         best = min(e.look.u_mm for k, e in enumerate(used) if k != i)
         answers.append((off, COVERAGE * float(np.hypot(one.look.u_mm, best))))
     index = int(np.argmax([off / allowed for off, allowed in answers]))
@@ -306,16 +305,16 @@ def _beside(
     vector_mm: FloatArray,
     settings: MeasuringSettings,
 ) -> tuple[bool, bool]:
-    """Return two flags: looks at a part of the edge confirm others, or contradict them.
+    """Return two flags: looks at a portion of the edge confirm the others, or contradict them.
 
-    An independent one confirms where it finds the edge at the same place. They are contradicted
-    where none confirms, and one that is as sure as they are finds it elsewhere: that needs no
-    independence, since the same light moves an edge the same way.
+    An independent look confirms if it finds the edge at the same place. The others are contradicted
+    if none confirms them and one that is as sure finds the edge elsewhere. This needs no
+    independence, since the same light moves an edge in the same way.
 
     Parameters
     ----------
     used, vector_mm : the looks that count, and their mean
-    estimates, settings : all looks; which are independent
+    estimates, settings : all looks, and the settings
     """
     best_mm = min(e.look.u_mm for e in used)
     confirming = contradicting = False
@@ -330,10 +329,10 @@ def _beside(
 def _is_outvoted(
     used: Sequence[Estimate], estimates: Sequence[Estimate], vector_mm: FloatArray
 ) -> bool:
-    """Return True if two looks that do not count find an edge at one place, which is another.
+    """Return True if two looks that do not count agree on a different place of the edge.
 
-    Each is as sure as those that count, but failed a check, mostly since a part of its edge lies
-    elsewhere. Together they tell that those that count may be on another edge.
+    Each is as sure as those that count, but failed a check, mostly since a portion of its edge lies
+    elsewhere. Together they indicate that those that count may be on another edge.
 
     Parameters
     ----------
@@ -368,7 +367,7 @@ def _has_two(used: Sequence[Estimate], settings: MeasuringSettings) -> bool:
 
 
 def _why_none(looks: Sequence[Look]) -> str:
-    """Return the reason why no look counts: that of the looks that came closest."""
+    """Return the reason why no look counts, from the looks that came closest."""
     if not looks:
         return "no view of it"
     rank = sorted(looks, key=lambda look: look.points_px is None or len(look.points_px) == 0)

@@ -1,4 +1,4 @@
-"""All characteristics of a part measured in all its views."""
+"""Measurement of all characteristics of a part in all its views."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,15 +26,15 @@ def measure(
     settings: MeasuringSettings = DEFAULT,
     kept: Kept | None = None,
 ) -> tuple[Measured, ...]:
-    """Return each characteristic with its value, uncertainty and verdict from all views, in order.
+    """Return the characteristics, in order, with value, uncertainty and verdict from all views.
 
     Parameters
     ----------
     part : the CAD model
-    characteristics : what is asked
-    views : with pictures, and the part's pose in them
-    settings : when a measurement counts, and what is uncertain before any picture
-    kept : what of it was worked out before; None for nothing
+    characteristics : characteristics to measure
+    views : views with pictures, and the part's pose in them
+    settings : limits of a valid measurement, and prior uncertainties
+    kept : results computed before; None for none
     """
     kept = kept or Kept()
     sought = _sought(part, tuple(characteristics), kept)
@@ -55,15 +55,15 @@ def measure_ahead(
     settings: MeasuringSettings,
     kept: Kept,
 ) -> None:
-    """Compute in advance what `measure` will need of a view.
+    """Compute the results that `measure` will need from a view in advance.
 
     Parameters
     ----------
     part : the CAD model
-    characteristics : what is asked
-    view : with pictures, and the part's pose in them
+    characteristics : characteristics to measure
+    view : view with pictures, and the part's pose in them
     settings : see `measure`
-    kept : gets it
+    kept : store for the results
     """
     _kept_looks(part, _sought(part, characteristics, kept), view, settings, kept)
 
@@ -71,7 +71,7 @@ def measure_ahead(
 def _sought(
     part: PosedPart, characteristics: tuple[Characteristic, ...], kept: Kept
 ) -> tuple[Sought, ...]:
-    """Return the features to look for in pictures, of the characteristics that one may show."""
+    """Return the features to seek in pictures, for the characteristics that one may show."""
     return kept.once(partial(_all_sought, part, characteristics), _all_sought, characteristics)
 
 
@@ -93,7 +93,7 @@ def _kept_looks(
 
 
 def _why_not(characteristic: Characteristic) -> str:
-    """Return the reason why no picture can show a characteristic, empty where one may."""
+    """Return the reason why no picture can show a characteristic; empty where one may."""
     if not characteristic.is_measured:
         return characteristic.exempt or "it is not to be measured"
     if not features_of(characteristic):
@@ -121,13 +121,13 @@ def look(
     view: PosedView,
     settings: MeasuringSettings = DEFAULT,
 ) -> list[list[Estimate]]:
-    """Return each picture's estimates of each characteristic in a view.
+    """Return the estimates of each characteristic from each picture of a view.
 
     Parameters
     ----------
     part : the CAD model
-    characteristics : what is asked
-    view : with its pictures, and the part's pose
+    characteristics : characteristics to measure
+    view : view with its pictures, and the part's pose
     settings : see `measure`
     """
     sought = [seek(c, part.solid) for c in characteristics]
@@ -138,7 +138,7 @@ def look(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Looks:
-    """A view's estimates of a characteristic, and of each of its features."""
+    """Estimates of a characteristic, and of each of its features, from a view."""
 
     whole: list[Estimate]
     halves: tuple[list[Estimate], list[Estimate]]
@@ -172,12 +172,12 @@ def _looks(
 
 
 def result_of(characteristic: Characteristic, found: Combined) -> Measured:
-    """Return a characteristic with its verdict; a FAIL has two looks, or one before the panel.
+    """Return a characteristic with its verdict; a FAIL needs two looks, or one before the panel.
 
     Parameters
     ----------
-    characteristic : what is asked
-    found : what all looks come to
+    characteristic : the characteristic
+    found : combined result of all looks
     """
     verdict, reason, is_disputed = Verdict.NOT_EVALUATED, found.reason, found.is_disputed
     if found.measured_mm is not None and found.U_mm is not None:
@@ -200,13 +200,13 @@ def result_of(characteristic: Characteristic, found: Combined) -> Measured:
 
 
 def _why(characteristic: Characteristic, value: float, U: float, verdict: Verdict) -> str:
-    """Return the limit that a value is beyond or too near to, in words; empty for one that fits.
+    """Return, in words, the limit that a value exceeds or comes too close to; empty if neither.
 
     Parameters
     ----------
-    characteristic : with its limits
-    value, U : measured
-    verdict : on it
+    characteristic : the characteristic, with its limits
+    value, U : measured value and expanded uncertainty
+    verdict : verdict on it
     """
     if verdict is Verdict.PASS:
         return ""

@@ -1,4 +1,4 @@
-"""Robust least squares of edge offsets, and the uncertainty of the results."""
+"""Robust least squares for edge offsets, with the uncertainty of the results."""
 
 import math
 from dataclasses import dataclass
@@ -9,13 +9,13 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray, median
 
 ROUNDS: Final = 25
-TRIMS: Final = 3  # rounds in which outliers are left out or come back
-OUTLIER: Final = 4.0  # robust standard deviations beyond which a ray shows something else
+TRIMS: Final = 3  # number of rounds in which outliers are excluded or readmitted
+OUTLIER: Final = 4.0  # limit for outliers, in robust standard deviations
 MAD_TO_SIGMA: Final = 1.4826
 SETTLED_PX: Final = 0.002
-# Smallest eigenvalue of the scaled normal matrix; below it an unknown is not shown.
+# Least eigenvalue of the scaled normal matrix; below it an unknown is not determined.
 SINGULAR: Final = 1e-9
-MAX_CORRELATION: Final = 0.9  # correlation of neighbouring rays beyond which they count as one
+MAX_CORRELATION: Final = 0.9  # largest correlation assumed between neighbouring rays
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -25,11 +25,11 @@ class Solution:
     Attributes
     ----------
     values : (p,) unknowns
-    gain : (p, n) how they follow from the offsets, 0 for offsets that were not used
+    gain : (p, n) derivatives of the unknowns by the offsets; 0 for unused offsets
     noise : (p, p) covariance from the scatter of the offsets
-    residuals : (n,) of all offsets, NaN where there is none
-    used : (n,) offsets that belong to the shape
-    scatter : robust standard deviation of what was used
+    residuals : (n,) residuals of all offsets; NaN where there is none
+    used : (n,) mask of the offsets that belong to the shape
+    scatter : robust standard deviation of the used offsets
     """
 
     values: FloatArray
@@ -43,14 +43,14 @@ class Solution:
 def solve(
     design: FloatArray, offsets: FloatArray, variance: FloatArray, spacing_px: FloatArray
 ) -> Solution | None:
-    """Return the least-squares unknowns of offsets without outliers; None where none fits.
+    """Return the least-squares solution of offsets without outliers; None where none fits.
 
     Parameters
     ----------
-    design : (n, p) how an offset grows with each unknown
-    offsets : (n,) NaN where none was found
-    variance : (n,) of each
-    spacing_px : (n,) between neighbours, which share the noise of a pixel
+    design : (n, p) derivatives of the offsets by the unknowns
+    offsets : (n,) offsets; NaN where none was found
+    variance : (n,) their variances
+    spacing_px : (n,) distance between neighbours, which share the noise of a pixel
     """
     count, unknowns = design.shape
     found = np.isfinite(offsets)
@@ -108,7 +108,7 @@ def _least_squares(design: FloatArray, y: FloatArray, weight: FloatArray) -> Flo
 
 
 def _sharing(residuals: FloatArray, used: BoolArray) -> float:
-    """Return the number of neighbours that share one error, by the likeness of their residuals."""
+    """Return the number of neighbours that share one error, by the correlation of residuals."""
     both = used[1:] & used[:-1]
     if both.sum() < 8:
         return 1.0
