@@ -1,6 +1,6 @@
-"""A run's report: one HTML page that an inspector signs, and the same as JSON for machines.
+"""Report of a run: an HTML page for an inspector to sign, and the same as JSON for machines.
 
-`form3.py` has the parts once more, in the layout of Form 3 of AS9102.
+`form3.py` renders the parts in the layout of Form 3 of AS9102.
 """
 
 from ..pdf import PdfError, pdf_bytes

@@ -1,4 +1,4 @@
-"""The size of a pixel, and the picture of a position on the table, from the cell data."""
+"""Pixel sizes, and pixels of positions on the table, from the cell data."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,11 +13,11 @@ ARROW_MM = 25.0
 
 
 class Optics:
-    """The two calibrated cameras of a run.
+    """Two calibrated cameras of a run.
 
     Attributes
     ----------
-    table_mm_per_px, station_mm_per_px : on the table, and at the station
+    table_mm_per_px, station_mm_per_px : pixel size on the table, and at the station
     """
 
     def __init__(self, cell: Cell) -> None:
@@ -30,21 +30,22 @@ class Optics:
 
     @classmethod
     def of(cls, cell: Mapping[str, Any]) -> "Optics | None":
-        """Return the optics of a cell as journaled; None if this version cannot read it."""
+        """Return the optics of a journaled cell; None if this version cannot read it."""
         try:
             return cls(Cell.model_validate(cell))
         except ValidationError:
             return None
 
     def arrow_px(self, x_mm: float, y_mm: float, theta_deg: float) -> tuple[float, ...]:
-        """Return x0, y0, x1, y1 in the overhead picture of an arrow on the table.
+        """Return the ends x0, y0, x1, y1 of an arrow on the table, in the overhead picture.
 
-        It begins at the sighting's position and points along the part's x axis, turned by theta.
+        The arrow begins at the sighting's position and points along the part's x axis, turned by
+        theta.
 
         Parameters
         ----------
-        x_mm, y_mm : position of the sighting on the table, in the world
-        theta_deg : its rotation about +z
+        x_mm, y_mm : position of the sighting on the table, world
+        theta_deg : rotation of the sighting about +z
         """
         theta = np.radians(theta_deg)
         tip = (x_mm + ARROW_MM * np.cos(theta), y_mm + ARROW_MM * np.sin(theta))

@@ -1,4 +1,4 @@
-"""The page of one part, ready for the template: cut-outs, overlays, ledger, times."""
+"""Content of one part's page for the template: cut-outs, overlays, ledger, times."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,14 +27,14 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """A picture with the marks drawn over it.
+    """A picture with overlaid marks.
 
     Attributes
     ----------
-    marks : findings to box
-    bar_px : length of the scale bar, None if the scale is not known
-    arrow : x0, y0, x1, y1, from a sighting's position in its direction
-    border : SVG path round what differs, where it is known
+    marks : boxes of findings
+    bar_px : length of the scale bar; None if the scale is unknown
+    arrow : x0, y0, x1, y1 of an arrow from a sighting's position in its direction
+    border : SVG path round the difference, where it is known
     """
 
     lamp: str
@@ -47,7 +47,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class ViewPanel:
-    """A view: its pictures side by side, and the SVG path of the outline drawn over each."""
+    """A view: its pictures side by side, and the SVG path of the outline overlaid on each."""
 
     view: ViewReport
     key: str
@@ -56,13 +56,13 @@ class ViewPanel:
 
     @property
     def first(self) -> int | None:
-        """The panel that defines the outline; the others refer to it."""
+        """Index of the panel that defines the outline; the others refer to it."""
         return next((i for i, panel in enumerate(self.panels) if not panel.shot.why_missing), None)
 
 
 @dataclass(frozen=True, slots=True)
 class FindingRow:
-    """A finding with the names of its faces and a cut-out of the place."""
+    """A finding with the names of its faces and a cut-out of its place."""
 
     finding: FindingReport
     lamp: str
@@ -72,7 +72,7 @@ class FindingRow:
 
 @dataclass(frozen=True, slots=True)
 class PartPage:
-    """The whole page of a part."""
+    """Whole page of a part."""
 
     part: PartReport
     word: str
@@ -86,12 +86,12 @@ class PartPage:
 
     @property
     def evaluated(self) -> int:
-        """The number of evaluated views."""
+        """Number of evaluated views."""
         return sum(view.evaluated is True for view in self.part.views)
 
 
 def lamp_words(lamp: str) -> str:
-    """Return a lamp's everyday name: ``station_ring`` is the ring."""
+    """Return the common name of a lamp, such as ring for ``station_ring``."""
     short = lamp.removeprefix("station_").removeprefix("table_")
     return LAMP_WORDS.get(short, short.replace("_", " "))
 
@@ -108,10 +108,10 @@ def make_part_page(
 
     Parameters
     ----------
-    part : what the journal has of the part
-    why : of its verdict
-    pictures : the run's pictures
-    optics : calibrated cameras of the run; without them no arrow and no scale bars
+    part : the part, from the journal
+    why : reason for its verdict
+    pictures : pictures of the run
+    optics : calibrated cameras of the run; None leaves out the arrow and the scale bars
     """
     return PartPage(
         part=part,
@@ -142,7 +142,7 @@ def _table(part: PartReport, pictures: Pictures, optics: Optics | None) -> tuple
         arrow = _arrow(taken, optics)
     panels: list[Panel] = []
     for lamp, name in part.table_pictures.items():
-        # the first picture shows the whole table, the others what is on it
+        # The first picture shows the whole table, the others the objects on it.
         size = pictures.size_px(name)
         boxes = [s.box_px for s in part.sightings]
         window = window_round(boxes, size, TABLE_MARGIN, TABLE_MIN_PX) if size else None

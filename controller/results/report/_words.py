@@ -1,4 +1,4 @@
-"""The report's sentences: the end of a run, the reason for a verdict, the cautions."""
+"""Sentences of the report: the end of a run, the reason for a verdict, the cautions."""
 
 from controller.cell.alarms import alarm_of
 from controller.cell.journal.rows import PartFollowed
@@ -25,17 +25,17 @@ def defect_words(kind: str) -> str:
 
 
 def verdict_word(part: PartReport) -> str:
-    """Return the verdict on a part, or that there is none."""
+    """Return the verdict on a part as a word, also where there is none."""
     return part.verdict.verdict if part.verdict is not None else "no verdict"
 
 
 def why(part: PartReport, message: str = "") -> str:
-    """Return in one sentence the reason for a part's verdict.
+    """Return the reason for a part's verdict, in one sentence.
 
     Parameters
     ----------
     part : the part
-    message : what ended the run while this part was at hand, empty for nothing
+    message : reason why the run ended while this part was in work; empty if it did not
     """
     verdict = part.verdict
     if part.followed is not None and not part.is_counted:
@@ -51,7 +51,7 @@ def why(part: PartReport, message: str = "") -> str:
 
 
 def review_words(part: PartReport) -> str:
-    """Return the person's verdict that counts as a sentence; empty if none is needed."""
+    """Return the person's verdict that counts, as a sentence; empty if none is needed."""
     review = part.review
     if review is None:
         return "awaits a person's verdict" if part.awaits_review else ""
@@ -61,7 +61,7 @@ def review_words(part: PartReport) -> str:
 
 
 def why_in_run(record: RunRecord, part: PartReport) -> str:
-    """Return the same of a part of a run."""
+    """Return the reason for the verdict on a part of a run."""
     return why(part, record.outcome.message if part is record.parts[-1] else "")
 
 
@@ -73,7 +73,7 @@ def end_words(record: RunRecord) -> str:
 
 
 def headline(record: RunRecord) -> tuple[str, str]:
-    """Return the run's verdict in a word or two, and why in a sentence."""
+    """Return a run's verdict in a word or two, and its reason in a sentence."""
     if record.dry is not None:
         seconds = sum(step.seconds for step in record.dry)
         motions = sum(step.motions for step in record.dry)
@@ -91,13 +91,13 @@ def headline(record: RunRecord) -> tuple[str, str]:
     unstarted = f"; {missing} not begun" if missing > 0 else ""
     worst = next((w for w in ("fail", "no verdict", "indeterminate") if w in words), words[0])
     if worst == "pass" and missing > 0:
-        worst = "incomplete"  # no report may read "pass" that has parts never inspected
+        worst = "incomplete"  # a report with parts never inspected must not read "pass"
     sentence = f"{count_of(len(words), 'part')} of {record.ordered} ordered: {tally}{unstarted}."
     return worst, sentence
 
 
 def cautions(record: RunRecord) -> list[str]:
-    """Return the cautions that a reader must know before trusting the rest."""
+    """Return the cautions to read before trusting the rest of the report."""
     found = []
     if record.first_broken_row is not None:
         found.append(
@@ -136,7 +136,7 @@ def cautions(record: RunRecord) -> list[str]:
 
 
 def _went(followed: PartFollowed) -> str:
-    """Return the later fate of a part after its run, as the end of a sentence."""
+    """Return the fate of a part after its run, as the end of a sentence."""
     if followed.custody:
         return f"was taken out by the operator, as run {followed.run} says"
     return f"was taken over by run {followed.run}, which has its record: it does not count here"

@@ -1,9 +1,9 @@
-"""Judged parts in the layout of Form 3 of AS9102: characteristic accountability.
+"""Judged parts in the layout of AS9102 Form 3, characteristic accountability.
 
 Source: docs/references.md S26. Fields have the names and numbers of revision C, in our own words.
-Filled in is what was measured; fields that only a person can fill in stay empty. Numbers of
-characteristics are those of the balloons in the drawing, which follows each form, and the signature
-after it. A layout is no claim of conformity.
+Measured fields are filled in; fields that only a person can fill in remain empty. Characteristics
+have the numbers of the balloons in the drawing, which follows each form, with the signature after
+it. The layout is no claim of conformity.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,12 +29,12 @@ NOT_MEASURED: Final = "not measured"
 
 @dataclass(frozen=True, slots=True)
 class FormRow:
-    """Fields 5 to 12 of a characteristic; 10 and 11 are left to a person.
+    """Fields 5 to 12 of a characteristic; a person fills in 10 and 11.
 
     Attributes
     ----------
-    reference : view of the drawing that has the balloon, else faces of the CAD model
-    requirement, name : dimension with its tolerance; what it is of, and where the tolerance is from
+    reference : view of the drawing with the balloon, else faces of the CAD model
+    requirement, name : dimension with its tolerance; its feature, and the source of the tolerance
     comments : verdict, uncertainty and reason
     """
 
@@ -50,13 +50,13 @@ class FormRow:
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """The form of one part, and the drawing that belongs to it.
+    """Form of one part, with its drawing.
 
     Attributes
     ----------
     part_number, part_name, serial, report : fields 1 to 4
-    made_with : drawing, order, gauge, recipe and software, as far as they are known
-    no_drawing : why there is none; empty where there is one
+    made_with : drawing, order, gauge, recipe and software, as far as known
+    no_drawing : reason why there is no drawing; empty where there is one
     """
 
     part_number: str
@@ -70,7 +70,7 @@ class Form:
 
 
 def render_form3(record: RunRecord) -> str:
-    """Return the forms of a run's parts as one HTML page.
+    """Return the forms of all parts of a run as one HTML page.
 
     Raises
     ------
@@ -87,8 +87,8 @@ def render_form3_parts(parts: Sequence[JudgedPart], solid: Solid | None = None) 
 
     Parameters
     ----------
-    parts : at least one
-    solid : CAD model of their product, for the drawing; None if it is not at hand
+    parts : one or more judged parts
+    solid : CAD model of their product, for the drawing; None if unavailable
     """
     return _page(parts, lambda _: solid or NO_CAD, None)
 
@@ -98,8 +98,8 @@ def make_form(judged: JudgedPart, solid: Solid | str) -> Form:
 
     Parameters
     ----------
-    judged : the part
-    solid : its CAD model, or why there is none
+    judged : the judged part
+    solid : its CAD model, or the reason why there is none
     """
     h, found = judged.header, judged.part.characteristics
     drawing = balloon_drawing(solid, found) if isinstance(solid, Solid) else None
@@ -151,7 +151,7 @@ def _faces(c: CharacteristicReport) -> str:
 
 @cache
 def _template() -> Template:
-    """Return the page's template, compiled once."""
+    """Return the template of the page, compiled once."""
     return make_environment(__package__, TEMPLATES, FILTERS).get_template(TEMPLATES[0])
 
 

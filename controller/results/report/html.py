@@ -1,6 +1,6 @@
-"""Judged parts as one HTML page, made from the journal and the pictures alone.
+"""HTML page of judged parts, made from the journal and the pictures alone.
 
-On paper it is the sheets of each part, made to be signed; on the screen the rest opens on demand.
+On paper it consists of each part's sheets for signature; on the screen the rest opens on demand.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,10 +22,11 @@ from ._words import cautions, defect_words, end_words, headline, why, why_in_run
 from .pictures import QUALITIES, Pictures, Quality
 from .signed import PartSheets, look_count, make_sheets
 
-# A page must pass mail gateways, and that of one part opens at once over a slow line.
+# Largest size of any page, to pass mail gateways, and of one part's, to open fast on a slow line.
 MAX_BYTES = 10_000_000
 PART_BYTES: Final = 2_000_000
-MANY_PARTS: Final = 10  # more make a page too long for every look at what has passed
+# Number of parts above which looks at passed characteristics are left out, to keep the page short.
+MANY_PARTS: Final = 10
 LOG_ROWS = 3000
 NO_CAD: Final = "no CAD model was given to this report"
 TEMPLATES = ("report.html.j2", "part.html.j2", "signed.html.j2", "report.css")
@@ -47,14 +48,14 @@ def render(
     on_paper: bool = False,
     qif_sha256: str = "",
 ) -> str:
-    """Return the page of a run; pictures are made smaller until it is small enough.
+    """Return the page of a run, with pictures reduced until the page is small enough.
 
     Parameters
     ----------
     record : the run
-    max_bytes : of the page
-    on_paper : leave out what opens on demand
-    qif_sha256 : of the same results as QIF, which the page then names
+    max_bytes : largest size of the page
+    on_paper : True to leave out content that opens on demand
+    qif_sha256 : hash of the same results as QIF, which the page then names
     """
     return _render(
         judged_parts(record),
@@ -67,7 +68,7 @@ def render(
 
 
 def solids_of(record: RunRecord) -> Callable[[JudgedPart], Solid | str]:
-    """Return what finds the CAD model of a run's part, or why there is none; each is read once."""
+    """Return a cached lookup of the CAD model of a run's part, or of why there is none."""
     known: dict[str, Solid | str] = {}
 
     def solid(judged: JudgedPart) -> Solid | str:
@@ -82,20 +83,20 @@ def solids_of(record: RunRecord) -> Callable[[JudgedPart], Solid | str]:
 def render_parts(
     parts: Sequence[JudgedPart], solid: Solid | None = None, *, on_paper: bool = False
 ) -> str:
-    """Return the page of judged parts that no run belongs to.
+    """Return the page of judged parts without a run.
 
     Parameters
     ----------
-    parts : of one product
-    solid : its CAD model, for the drawings; None if it is not at hand
-    on_paper : leave out what opens on demand
+    parts : judged parts of one product
+    solid : its CAD model, for the drawings; None if unavailable
+    on_paper : True to leave out content that opens on demand
     """
     return _render(parts, lambda _: solid or NO_CAD, None, MAX_BYTES, on_paper=on_paper)
 
 
 @cache
 def _template() -> Template:
-    """Return the page's template, compiled once."""
+    """Return the template of the page, compiled once."""
     return make_environment(__package__, TEMPLATES, FILTERS).get_template("report.html.j2")
 
 
@@ -175,10 +176,10 @@ def _page(
 
 
 def _document(first: JudgedPart | None, record: RunRecord | None) -> str:
-    """Return the heading of each page: product and run, or the date of judging."""
+    """Return the heading of each printed page: product and run, or the date of the verdict."""
     if record is not None:
         return f"Inspection report {record.recipe_name}, run {record.run_id}"
-    assert first is not None  # a report without a run is of at least one part
+    assert first is not None  # a report without a run has at least one part
     named = " ".join((first.header.part, first.header.serial)).strip()
     return f"Inspection report {named}, {utc(first.header.start)}"
 

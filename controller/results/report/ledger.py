@@ -1,6 +1,6 @@
-"""The coverage ledger: every square millimetre of surface, compared or not, and why not.
+"""Coverage ledger: all surface, compared or not, with the reasons; and the sums of the time line.
 
-Also the sums of the time line. Plain numbers from a `PartReport`; shares are in percent.
+All values are plain numbers from a `PartReport`; shares are in percent.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ DECIMALS = 2
 
 @dataclass(frozen=True, slots=True)
 class LedgerRow:
-    """One surface and its share of all area [%]."""
+    """A surface and its share of the whole area [%]."""
 
     face: FaceReport
     share_percent: float
@@ -22,12 +22,12 @@ class LedgerRow:
 
 @dataclass(frozen=True, slots=True)
 class Ledger:
-    """All surfaces; their rounded shares add up to 100 %, and so do the classes.
+    """All surfaces; the rounded shares of surfaces and of classes each add up to 100 %.
 
     Attributes
     ----------
-    classes : name, words and share of all area by what is known of it
-    not_compared : share of all area by why it was not compared, largest first
+    classes : name, words and share of the whole area of each class
+    not_compared : share of the whole area by reason for no comparison, largest first
     """
 
     rows: tuple[LedgerRow, ...]
@@ -39,7 +39,7 @@ class Ledger:
 
 
 def rounded_to_whole(shares: Sequence[float], whole: float = 100.0) -> list[float]:
-    """Return shares rounded so that their sum is ``whole``: the largest remainders go up."""
+    """Return shares rounded to a sum of ``whole``: the largest remainders are rounded up."""
     unit = 10**DECIMALS
     lower_bounds = [int(share * unit) for share in shares]
     missing = round(whole * unit) - sum(lower_bounds)
@@ -50,7 +50,7 @@ def rounded_to_whole(shares: Sequence[float], whole: float = 100.0) -> list[floa
 
 
 def make_ledger(part: PartReport) -> Ledger | None:
-    """Return the ledger of a judged part, None for one without a verdict."""
+    """Return the ledger of a judged part; None for one without a verdict."""
     if part.verdict is None or not part.verdict.faces:
         return None
     faces = part.verdict.faces
@@ -99,7 +99,7 @@ def _why_not_compared(part: PartReport, face: FaceReport) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Sums over the steps done [cell s], and the step that exceeded its forecast most."""
+    """Sums over finished steps [cell s], and the step that exceeded its forecast most."""
 
     done: int
     forecast_s: float
@@ -110,7 +110,7 @@ class Timing:
 
 
 def make_timing(steps: Sequence[StepReport]) -> Timing:
-    """Return the sums; the worst step is the one furthest above its forecast."""
+    """Return the sums over steps; the worst step is the farthest above its forecast."""
     done = [
         (i, s.forecast_s, s.actual_s)
         for i, s in enumerate(steps)

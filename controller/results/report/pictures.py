@@ -1,7 +1,7 @@
-"""The pictures of a run, cut, made smaller and put into the page as data.
+"""Pictures of a run, cropped, reduced and embedded in the page as data.
 
-The page must stay small enough to mail: a `Quality` limits the pictures, and a page that is too
-large is made again with the next lower one.
+The page must be small enough to mail: a `Quality` limits the pictures, and a page that is too large
+is rendered again with the next lower one.
 """
 
 import base64
@@ -20,25 +20,26 @@ from drivers.pictures import BrokenPictureError, decode
 
 from ..run import Box, Points
 
-# Width over height of every cut-out, as of the cameras.
+# Ratio of width to height of every cut-out, the same as the cameras'.
 ASPECT: Final = 1.25
-# Points further apart are on two loops: neighbours on one are at most 3 * sqrt(2) px apart.
+# Distance above which consecutive points are on two loops; on one they are at most 3 * sqrt(2) px
+# apart.
 OUTLINE_GAP_PX: Final = 6.0
-# A drawn outline is no further than this from its points: no eye sees it, and it is much shorter.
+# Largest distance of a simplified outline from its points: invisible, and the path is much shorter.
 OUTLINE_OFF_PX: Final = 0.4
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """The size limits of pictures.
+    """Size limits of pictures.
 
     Attributes
     ----------
     view_px, crop_px : longer side of views and of crops; 0 leaves pictures out
-    jpeg : quality, 0..100
+    jpeg : JPEG quality, 0..100
     map_px : width of drawings of the part; 0 leaves them out
-    typical_bytes : about what one picture adds to the page (measured on a run of featuretype); a
-        quality that cannot fit is skipped
+    typical_bytes : approximate size that one picture adds to the page, measured on a run of
+        featuretype; a quality that cannot fit is skipped
     """
 
     view_px: int
@@ -55,9 +56,9 @@ QUALITIES: Final = (
     Quality(160, 120, 45, 160, 1_600),
     Quality(0, 0, 0, 0, 0),
 )
-# Decoded pictures that are held, in pixels: views, findings and looks need the same ones.
+# Size of the cache of decoded pictures, in pixels; views, findings and looks share pictures.
 KEPT_PX = 60_000_000
-# One lamp lights a dull part poorly: dark pictures are brightened, and the page says by how much.
+# Brightening of dark pictures, since one lamp lights a dull part poorly; the page states the gain.
 BRIGHT_PERCENTILE: Final = 99.5
 BRIGHT_LEVEL: Final = 215.0
 MIN_GAIN, MAX_GAIN = 1.2, 4.0
@@ -69,10 +70,10 @@ class Shot:
 
     Attributes
     ----------
-    uri : data URI, empty if the picture is missing
-    why_missing : why it is missing
-    window : x0, y0, x1, y1 of the cut-out in the picture as taken [px]
-    gain : by how much it was brightened
+    uri : data URI; empty if the picture is missing
+    why_missing : reason why it is missing
+    window : x0, y0, x1, y1 of the cut-out in the original picture [px]
+    gain : factor by which it was brightened
     """
 
     uri: str
@@ -87,7 +88,7 @@ class Shot:
 
 
 class Pictures:
-    """Reads a run's pictures; a missing or broken file is reported on the page, not raised."""
+    """Reader of a run's pictures; a missing or broken file is reported on the page, not raised."""
 
     def __init__(self, folder: Path, quality: Quality) -> None:
         self._folder = folder
@@ -97,7 +98,7 @@ class Pictures:
 
     @property
     def quality(self) -> Quality:
-        """The size limits of pictures."""
+        """Size limits of the pictures."""
         return self._quality
 
     def view(self, name: str, window: Box | None = None) -> Shot:
@@ -109,7 +110,7 @@ class Pictures:
         return self._shot(name, window, self._quality.crop_px)
 
     def size_px(self, name: str) -> tuple[int, int] | None:
-        """Return width and height of a picture, None if it cannot be read."""
+        """Return the width and height of a picture; None if it is unreadable."""
         image = self._read(name)
         return None if image is None else (image.shape[1], image.shape[0])
 
@@ -148,12 +149,12 @@ class Pictures:
 
 
 def grey_picture(folder: Path, name: str) -> Grey | None:
-    """Return a picture of a run, None if there is no readable one.
+    """Return a picture of a run; None if it is missing or unreadable.
 
     Parameters
     ----------
-    folder : of the run
-    name : of the file, relative to it
+    folder : folder of the run
+    name : name of the file, relative to the folder
     """
     path = file_within(folder, name)
     if path is None or not path.is_file():
@@ -165,14 +166,14 @@ def grey_picture(folder: Path, name: str) -> Grey | None:
 
 
 def _gain(image: Grey) -> float:
-    """Return the factor by which a dark picture is brightened, 1 to `MAX_GAIN`."""
+    """Return the factor for brightening a dark picture, from 1 to `MAX_GAIN`."""
     bright = float(np.percentile(image, BRIGHT_PERCENTILE))
     gain = round(float(np.clip(BRIGHT_LEVEL / max(bright, 1.0), 1.0, MAX_GAIN)), 1)
     return gain if gain >= MIN_GAIN else 1.0
 
 
 def data_uri(image: NDArray[np.uint8], jpeg: int) -> str:
-    """Return a picture, grey or blue first, as a data URI.
+    """Return a grey or BGR picture as a data URI.
 
     Parameters
     ----------
@@ -184,11 +185,11 @@ def data_uri(image: NDArray[np.uint8], jpeg: int) -> str:
 
 
 def window_round(boxes: Iterable[Box], size: tuple[int, int], margin: float, min_px: int) -> Box:
-    """Return the cut-out around boxes, in the proportions of the picture.
+    """Return the cut-out around boxes, in the picture's proportions.
 
     Parameters
     ----------
-    boxes : x0, y0, x1, y1 of each [px]; without any, the whole picture is returned
+    boxes : x0, y0, x1, y1 of each [px]; none for the whole picture
     size : width and height of the picture [px]
     margin : border on every side, as a share of the boxes' extent
     min_px : smallest width of the cut-out
@@ -208,7 +209,7 @@ def window_round(boxes: Iterable[Box], size: tuple[int, int], margin: float, min
 
 
 def bounds(points: Points) -> Box | None:
-    """Return the box around points, None for none."""
+    """Return the box around points; None without points."""
     if not points:
         return None
     xs, ys = zip(*points, strict=True)
@@ -216,10 +217,10 @@ def bounds(points: Points) -> Box | None:
 
 
 def outline_path(points: Points) -> str:
-    """Return an outline as the ``d`` of an SVG path, in picture coordinates.
+    """Return an outline as the ``d`` attribute of an SVG path, in picture coordinates.
 
-    The points are those of all loops, outer and inner, one after the other; a jump is where the
-    next loop begins. A pixel's centre is half a pixel inside it.
+    The points of all loops, outer and inner, follow one another; a jump is the start of the next
+    loop. The centre of a pixel lies half a pixel from its corner.
     """
     parts: list[list[tuple[float, float]]] = []
     for point in points:

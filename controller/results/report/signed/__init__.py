@@ -1,8 +1,8 @@
-"""The pages for a person to sign: three printed pages of a part, ready for the template.
+"""Pages for a person to sign: content of a part's three printed pages for the template.
 
-`balloons.py` is the drawing with balloons, `table.py` the rows of characteristics with their
-deviation bars, `looks.py` cut-outs with rays and fitted shapes, `covering.py` the part coloured by
-the ledger, `sheets.py` puts them together.
+`balloons.py` makes the drawing with balloons, `table.py` the rows of characteristics with deviation
+bars, `looks.py` cut-outs with rays and fitted shapes, `covering.py` the part coloured by the
+ledger; `sheets.py` combines them.
 """
 
 from .sheets import MAX_LOOKS, PartSheets, look_count, make_sheets

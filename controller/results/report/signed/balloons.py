@@ -1,10 +1,10 @@
-"""The part as a line drawing from a few sides, with the numbers of its characteristics in balloons.
+"""Line drawing of the part from a few sides, with its characteristics numbered in balloons.
 
-A side is drawn if characteristics show there: a hole where its axis points at the reader, a
-distance where it lies in the paper, from the half of the part that it is in. As few sides as show
-them all, at one scale, the largest that the paper has room for. A characteristic that several of
-these sides show stands where its leader is shortest. Where several long leaders end close together,
-that place is drawn once more as a detail, if this makes the sides little smaller.
+A side is drawn if it shows characteristics: a hole whose axis points at the reader, or a distance
+in the plane of the paper and in the nearer half of the part. The drawing has as few sides as show
+all characteristics, at the largest common scale that fits the paper. A characteristic shown by
+several sides is placed where its leader is shortest. Where several long leaders end close together,
+the place is repeated as a detail, if this reduces the scale of the sides only slightly.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ from ...line_drawing import Drawing, draw
 from ...run import CharacteristicReport
 from .leaders import CHAIN_MM, GAP_MM, RADIUS_MM, Placed, Ring, arrange
 
-# rows are right, up and towards the reader, in the CAD frame
+# Rows are the directions right, up and towards the reader, in the CAD frame.
 SIDES: Final[Mapping[str, FloatArray]] = {
     "from +z": np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]]),
     "from -z": np.array([[-1.0, 0, 0], [0, 1, 0], [0, 0, -1]]),
@@ -33,28 +33,28 @@ SIDES: Final[Mapping[str, FloatArray]] = {
     "from +x": np.array([[0, 1.0, 0], [0, 0, 1], [1, 0, 0]]),
     "from -x": np.array([[0, -1.0, 0], [0, 0, 1], [-1, 0, 0]]),
 }
-# a hole's axis within this of the reader's direction, or a distance within it of the paper
+# Largest angle of a hole's axis to the direction of the reader, or of a distance to the paper.
 MAX_OFF_RAD: Final = float(np.radians(30.0))
-# A distance that lies this far beyond the middle of the part, as a share of the part's depth, is
-# still shown from this side: with none, featuretype takes a fourth view for what is at its middle.
+# Depth beyond the middle of the part, as a share of the part's depth, to which a side shows
+# distances. With 0, featuretype needs a fourth view for the distances at its middle.
 MIDDLE_SHARE: Final = 0.1
-# Of all sides together: the width between the margins of A4, and four fifths of the height, so that
-# the table begins below the drawing and a part prints on three pages.
+# Size of all sides together: the width between the margins of A4, and four fifths of the height, so
+# that the table begins below the drawing and a part prints on three pages.
 PAPER_MM: Final = (186.0, 217.0)
-# Between two sides, and below each for its caption.
+# Space between two sides, and below each for its caption.
 SPACE_MM: Final = (3.0, 6.0)
-# A part is drawn no larger and no smaller than this, and its scale is searched for in these steps.
+# Largest and smallest scale of a drawing, and the factor between the scales tried.
 MAX_SCALE, MIN_SCALE, SCALE_STEP = 3.0, 0.03, 0.95
-# Leaders this long reach over other features; shorter ones are as good as a detail.
+# Length above which a leader crosses other features; a shorter one is as good as a detail.
 LONG_MM: Final = 2.0 * GAP_MM
-# What balloons of a detail point at lies in this circle of the side, which is drawn a little wider.
-# A detail's own circle is at least twice as wide.
+# Radius of the circle on the side that contains the targets of a detail's balloons, and the margin
+# with which it is drawn. The detail's own circle is at least twice as wide.
 CROWD_RADIUS_MM, DETAIL_MARGIN_MM = 10.5, 1.5
 DETAIL_RADIUS_MM: Final = 2.0 * (CROWD_RADIUS_MM + DETAIL_MARGIN_MM)
-# Fewer balloons than these are no crowd, and a drawing has this many details at most.
+# Least number of balloons in a detail, and largest number of details in a drawing.
 MIN_CROWD, MAX_DETAILS = 4, 3
 MAX_ENLARGED: Final = 4.0
-# Sides keep this share of their scale where details take room from them.
+# Least share of their scale that sides keep where details take room from them.
 MIN_SIDE_SHARE: Final = 0.8
 
 Point = tuple[float, float]
@@ -62,7 +62,7 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Balloon:
-    """A number in a balloon, its middle in millimetres of the paper, y downwards."""
+    """A numbered balloon, with its centre in millimetres of the paper, y downwards."""
 
     number: int
     at: Point
@@ -71,12 +71,12 @@ class Balloon:
 
 @dataclass(frozen=True, slots=True)
 class Callout:
-    """The measurements at one place: a leader, and the balloons in a chain at its start.
+    """The measurements at one place: a leader, and a chain of balloons at its start.
 
     Attributes
     ----------
-    end : of the leader, which begins at the first balloon
-    line : both ends of a distance, empty for a hole
+    end : end of the leader, which begins at the first balloon
+    line : both ends of a distance; empty for a hole
     """
 
     balloons: tuple[Balloon, ...]
@@ -86,7 +86,7 @@ class Callout:
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """The border of a detail, in millimetres of the paper, and the detail's letter."""
+    """Border of a detail, in millimetres of the paper, and the detail's letter."""
 
     letter: str
     at: Point
@@ -95,14 +95,14 @@ class Circle:
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """The part from one side, or a detail of that, with the SVG view box in mm of the paper.
+    """The part from one side, or a detail of it, with the SVG view box in mm of the paper.
 
     Attributes
     ----------
     words : name of the view
-    scale : of this view
-    border : of a detail, None around a whole side
-    marks : details of this side
+    scale : scale of this view
+    border : border of a detail; None for a whole side
+    marks : borders of this side's details
     """
 
     words: str
@@ -119,14 +119,14 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class BalloonDrawing:
-    """All sides at one scale, in millimetres of paper for one of the part.
+    """All sides at one scale, in millimetres of paper per millimetre of the part.
 
     Attributes
     ----------
-    rows : sides and details beside each other, one row below the other
-    scale : of the sides
-    radius : of the balloons, in millimetres of the paper
-    left_out : balloons with no side to show them
+    rows : sides and details side by side, row by row
+    scale : scale of the sides
+    radius : radius of the balloons, in millimetres of the paper
+    left_out : balloons that no side shows
     """
 
     rows: tuple[tuple[Side, ...], ...]
@@ -142,7 +142,7 @@ class BalloonDrawing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Place:
-    """Characteristics measured at one place, and what their leader points at in each view."""
+    """Characteristics measured at one place, and the target of their leader in each view."""
 
     characteristics: tuple[CharacteristicReport, ...]
     shapes: tuple[BaseGeometry | None, ...]
@@ -154,9 +154,9 @@ class _View:
 
     Attributes
     ----------
-    outline : points (n, 2) that balloons stand around
-    enlarged : how many times as large as the sides
-    side : number of the side that a detail is of, None for a side
+    outline : points (n, 2) around which balloons are placed
+    enlarged : scale relative to the sides
+    side : number of the side to which a detail belongs; None for a side
     """
 
     words: str
@@ -188,11 +188,11 @@ def balloon_drawing(
         if fitting is not None:
             rows, scale = _detailed(whole, places, *fitting, height_mm)
             return BalloonDrawing(rows, scale, RADIUS_MM, left_out)
-        height_mm *= 2  # a part with very many balloons: the drawing goes on over the page
+        height_mm *= 2  # with very many balloons, the drawing continues on the next page
 
 
 def _choose(solid: Solid, characteristics: Sequence[CharacteristicReport]) -> list[str]:
-    """Return the sides to draw: greedily as few as show all characteristics."""
+    """Return the sides to draw, chosen greedily: as few as show all characteristics."""
     can: dict[str, set[int]] = {
         name: {c.balloon for c in characteristics if _shows(solid, c, R)}
         for name, R in SIDES.items()
@@ -207,7 +207,7 @@ def _choose(solid: Solid, characteristics: Sequence[CharacteristicReport]) -> li
 
 
 def _shows(solid: Solid, c: CharacteristicReport, R: FloatArray) -> bool:
-    """Return whether a side shows a characteristic: a distance, from the half it lies in."""
+    """Return True if a side shows a characteristic; a distance must be in the nearer half."""
     if not c.anchors_mm:
         return False
     if c.axis is None:
@@ -247,9 +247,9 @@ def _places(
 
 
 def _shape(solid: Solid, c: CharacteristicReport, R: FloatArray, view: LineView) -> BaseGeometry:
-    """Return the target of a leader [mm of the part, y downwards]: a rim, a face, a distance."""
+    """Return the target of a leader [mm of the part, y downwards]: rim, face or distance."""
     anchors = _flat(np.array(c.anchors_mm), R, solid)
-    if c.kind == "radius":  # an arc's centre is off the part: its own face is pointed at
+    if c.kind == "radius":  # the leader points at the arc's face, since the centre is off the part
         is_of = np.isin(solid.face_of_triangle, c.faces)
         if is_of.any():
             corners = np.unique(np.asarray(solid.mesh.faces)[is_of])
@@ -264,7 +264,7 @@ def _shape(solid: Solid, c: CharacteristicReport, R: FloatArray, view: LineView)
 def _distance(
     anchors: FloatArray, axis: Sequence[float] | None, R: FloatArray, view: LineView
 ) -> BaseGeometry:
-    """Return a distance as a line along its axis, through the anchor nearer to the outline."""
+    """Return a distance as a line along its axis through the anchor nearer to the outline."""
     first, last = anchors[0], anchors[-1]
     if axis is None:
         return shapely.LineString([first, last])
@@ -292,7 +292,7 @@ def _detailed(
     scale: float,
     height_mm: float,
 ) -> tuple[tuple[tuple[Side, ...], ...], float]:
-    """Return the rows with as many details as have room, and the scale of the sides."""
+    """Return the rows with as many details as fit, and the scale of the sides."""
     views, placed = list(whole), list(places)
     least = MIN_SIDE_SHARE * scale
     for letter in "ABCDEFGH"[:MAX_DETAILS]:
@@ -325,7 +325,7 @@ def _fitting(
     least: float,
     height_mm: float,
 ) -> tuple[tuple[Side, ...], tuple[tuple[Side, ...], ...], float] | None:
-    """Return views, rows and scale, the largest from `scale` down to `least` that has room."""
+    """Return views, rows and scale: the largest scale from `scale` down to `least` that fits."""
     while scale >= least:
         sides = _sides(views, places, scale)
         rows = None if sides is None else _rows(sides)
@@ -338,9 +338,9 @@ def _fitting(
 def _crowd(
     places: Sequence[_Place], sides: Sequence[Side], scale: float
 ) -> tuple[int, frozenset[int], Point, float] | None:
-    """Return the place in a side where most long leaders end together; None if there is no crowd.
+    """Return the place in a side at which most long leaders end; None if there is no crowd.
 
-    Its side, the places that belong to it, and its circle [mm of the part].
+    The result is its side, the places in it, and its circle [mm of the part].
     """
     number_of = {c.balloon: k for k, place in enumerate(places) for c in place.characteristics}
     best: tuple[int, frozenset[int], Point, float] | None = None
@@ -374,7 +374,7 @@ def _length(callout: Callout) -> float:
 def _sides(
     views: Sequence[_View], places: Sequence[_Place], scale: float
 ) -> tuple[Side, ...] | None:
-    """Return all views at a scale of the sides; None if their balloons find no room."""
+    """Return all views at a scale of the sides; None if their balloons do not fit."""
     factors = [scale * view.enlarged for view in views]
     targets = [
         [
@@ -385,7 +385,7 @@ def _sides(
     ]
     rings = []
     for i, (view, factor) in enumerate(zip(views, factors, strict=True)):
-        # a distance may reach beyond the part
+        # A distance may extend beyond the part.
         shown = [shape for row in targets if (shape := row[i]) is not None]
         rings.append(Ring.about(np.vstack([factor * view.outline, shapely.get_coordinates(shown)])))
     arranged = arrange(rings, targets)
@@ -411,7 +411,7 @@ def _scaled(shape: BaseGeometry, factor: float) -> BaseGeometry:
 
 
 def _rows(sides: Sequence[Side]) -> tuple[tuple[Side, ...], ...] | None:
-    """Return sides and details in rows; None if one is wider than the paper."""
+    """Return sides and details in rows; None if one of them is wider than the paper."""
     rows: list[list[Side]] = []
     for side in sides:
         if side.width > PAPER_MM[0]:

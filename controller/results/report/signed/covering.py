@@ -1,7 +1,7 @@
-"""The part from four sides, each face coloured by its class in the ledger.
+"""Pictures of the part from four sides, with each face coloured by its class in the ledger.
 
-The pattern says the same as the colour. A face that was compared in part has white specks, as many
-as its share that was not: how much, not where.
+Patterns repeat the information of the colours. A face that was compared in part has white specks in
+proportion to the share not compared; they show its amount, not its place.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ SIDES: Final = (
 )
 LIGHT: Final = np.array([-0.35, -0.55, 0.76])
 PAPER, INK, SPECK = 255.0, 40.0, 250.0
-# blue, green and red of the classes, as in signed.html.j2
+# Colours (BGR) of the classes, the same as in signed.html.j2.
 COLOURS: Final[dict[str, tuple[float, float, float]]] = {
     "pass": (118.0, 154.0, 26.0),
     "fail": (0.0, 94.0, 213.0),
@@ -37,7 +37,7 @@ COLOURS: Final[dict[str, tuple[float, float, float]]] = {
     "not-compared": (SPECK, SPECK, SPECK),
 }
 STRIPE_PX: Final = 5
-# thresholds of an ordered dither, 4 by 4 cells
+# Thresholds of an ordered dither, 4 by 4 cells.
 DITHER: Final = (
     np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) + 0.5
 ) / 16  # fmt: skip
@@ -46,14 +46,14 @@ CELL_PX: Final = 2 * FINER
 
 @dataclass(frozen=True, slots=True)
 class CoverageSide:
-    """The part from one side, as a data URI."""
+    """Picture of the part from one side, as a data URI."""
 
     words: str
     uri: str
 
 
 def face_class(face: FaceReport) -> str:
-    """Return the class a face is counted in, as the ledger names them."""
+    """Return the class of a face, by the ledger's names."""
     if face.verdict in ("pass", "fail"):
         return face.verdict
     return "compared" if face.compared_fraction > 0 else "not-compared"
@@ -62,14 +62,14 @@ def face_class(face: FaceReport) -> str:
 def coverage_sides(
     solid: Solid, faces: Sequence[FaceReport], width_px: int, jpeg: int
 ) -> tuple[CoverageSide, ...]:
-    """Return the part from four sides.
+    """Return pictures of the part from four sides.
 
     Parameters
     ----------
     solid : the part
-    faces : what is known of each
-    width_px : of a picture
-    jpeg : quality, 0..100
+    faces : report of each face
+    width_px : width of a picture
+    jpeg : JPEG quality, 0..100
     """
     caster = RayCaster(solid.mesh)
     by_face = {face.face_id: face for face in faces}
@@ -106,7 +106,7 @@ def _picture(
 def _paint(
     solid: Solid, faces: dict[int, FaceReport], triangle: Int32Array, axes: FloatArray
 ) -> FloatArray:
-    """Return blue, green and red (height, width, 3)."""
+    """Return the painted picture (height, width, 3), BGR."""
     names = list(COLOURS)
     ids = np.asarray(solid.face_of_triangle)
     known = int(ids.max()) + 1

@@ -1,10 +1,10 @@
-"""Arranges balloons about the views of a drawing, so that no two leaders cross.
+"""Arrangement of balloons about the views of a drawing, so that no two leaders cross.
 
-Balloons stand on a ring about each view, the convex hull of its outline and a gap. Which balloon
-stands where is the assignment of least total leader length. Two leaders that cross would become
-shorter by an exchange of their balloons, so that none cross: boundary labelling with straight
-leaders (Bekos, Kaufmann, Symvonis, Wolff, 2007). This holds for leaders that end at the nearest
-point of a shape, too. All lengths are in millimetres of the paper.
+Balloons lie on a ring about each view, the convex hull of its outline plus a gap. They are assigned
+to places for the least total leader length. Exchanging the balloons of two crossing leaders would
+shorten them, so none cross: boundary labelling with straight leaders (Bekos, Kaufmann, Symvonis,
+Wolff, 2007). This also holds for leaders that end at the nearest point of a shape. All lengths are
+in millimetres of the paper.
 """
 
 from collections.abc import Sequence
@@ -18,19 +18,19 @@ from shapely.geometry.base import BaseGeometry
 
 from controller.arrays import FloatArray, IntArray
 
-# Radius of a balloon: three digits of the drawing's lettering, 2.2 mm high, fit into it.
+# Radius of a balloon, which holds three digits of the drawing's lettering, 2.2 mm high.
 RADIUS_MM: Final = 2.2
-# Neighbours on a ring leave room for a leader's stroke between them.
+# Least distance of neighbours on a ring, with room for a leader's stroke between them.
 PITCH_MM: Final = 2 * RADIUS_MM + 0.5
-# Balloons in a chain touch.
+# Distance of neighbours in a chain, which touch.
 CHAIN_MM: Final = 2 * RADIUS_MM
-# From the outline to the middle of a balloon: a leader of a diameter's length stays visible.
+# Distance from the outline to the centre of a balloon, so that one diameter of a leader is visible.
 GAP_MM: Final = 3.0 * RADIUS_MM
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ring:
-    """The closed curve about a view on which the balloons stand."""
+    """Closed curve about a view on which the balloons lie."""
 
     line: shapely.LinearRing
 
@@ -58,7 +58,7 @@ class Ring:
 
     @property
     def slots(self) -> FloatArray:
-        """Lengths along the ring, as many as have room."""
+        """Lengths along the ring at which balloons fit."""
         count = int(self.line.length / PITCH_MM)
         return np.linspace(0.0, float(self.line.length), count, endpoint=False)
 
@@ -70,13 +70,13 @@ class Ring:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """The ends of a leader.
+    """Ends of a leader.
 
     Attributes
     ----------
-    view : that it is drawn in
-    start, outward : middle of the balloon at its start, and the way a chain of more goes on
-    end : the point of what it points at that is nearest to the start
+    view : number of its view
+    start, outward : centre of the balloon at its start, and the direction of a chain of balloons
+    end : point of the target nearest to the start
     """
 
     view: int
@@ -88,12 +88,12 @@ class Placed:
 def arrange(
     rings: Sequence[Ring], targets: Sequence[Sequence[BaseGeometry | None]]
 ) -> tuple[Placed, ...] | None:
-    """Return the shortest leaders that do not cross, one a target; None if the room is short.
+    """Return the shortest leaders that do not cross, one per target; None if they do not fit.
 
     Parameters
     ----------
-    rings : of the views
-    targets : what each leader points at, once for each view; None if a view does not show it
+    rings : rings of the views
+    targets : target of each leader in each view; None where a view does not show it
     """
     along = np.concatenate([ring.slots for ring in rings])
     view_of = np.concatenate([np.full(len(r.slots), i) for i, r in enumerate(rings)])
@@ -118,7 +118,7 @@ def arrange(
 
 
 def _lengths(ring: Ring, along: FloatArray, shapes: Sequence[BaseGeometry | None]) -> FloatArray:
-    """Return the leader lengths (shapes, places), infinite where the view shows no shape."""
+    """Return the leader lengths (shapes, places); infinite where the view shows no shape."""
     places = np.asarray(shapely.points(ring.at(along)))
     found = [np.full(len(places), np.inf) if s is None else shapely.distance(s, places)
              for s in shapes]  # fmt: skip
@@ -126,21 +126,21 @@ def _lengths(ring: Ring, along: FloatArray, shapes: Sequence[BaseGeometry | None
 
 
 def _assign(lengths: FloatArray) -> IntArray | None:
-    """Return the place of each shape with the least total length; None if there is none."""
+    """Return the places of the shapes with the least total length; None if there are none."""
     try:
         _, chosen = linear_sum_assignment(lengths)
-    except ValueError:  # infeasible: some shape gets no place in any of its views
+    except ValueError:  # infeasible: no view of some shape has a place for it
         return None
     return chosen if len(chosen) == len(lengths) else None
 
 
 def _beside(ring: Ring, along: FloatArray, shapes: Sequence[BaseGeometry]) -> FloatArray:
-    """Return places off the raster of slots, nearer to the shapes and still a pitch apart."""
+    """Return places off the raster of slots, nearer to the shapes but still a pitch apart."""
     if not shapes:
         return along
     length = float(ring.line.length)
     order = np.argsort(along)
-    # the ring is cut open where the widest gap is
+    # Cut the ring open at its widest gap.
     cut = int(np.argmax(np.diff(along[order], append=along[order[0]] + length))) + 1
     order = np.roll(order, -cut)
     at = along[order] + np.where(np.arange(len(order)) >= len(order) - cut, length, 0.0)
@@ -160,7 +160,7 @@ def _beside(ring: Ring, along: FloatArray, shapes: Sequence[BaseGeometry]) -> Fl
 
 
 def _nearest_along(ring: Ring, shape: BaseGeometry) -> float:
-    """Return the length along the ring at which it is nearest to a shape."""
+    """Return the length along the ring of its point nearest to a shape."""
     line = shapely.shortest_line(ring.line, shape)
     start = shapely.Point(shapely.get_coordinates(line)[0])
     return float(shapely.line_locate_point(ring.line, start))

@@ -1,4 +1,4 @@
-"""A characteristic's edge in a picture: cut out, with the rays, the points and the shape fitted."""
+"""Cut-outs of a characteristic's edge, with the rays, the points and the fitted shape."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,25 +13,25 @@ from ..pictures import Pictures, Shot, bounds, outline_path, window_round
 MARGIN: Final = 0.35
 MIN_PX: Final = 60
 RAY_PX: Final = 5.0  # length of the ray drawn to either side of an edge point
-# a step this many times as long as most leads from one fitted shape to the next
+# Length of a step, in median steps, from which it leads from one fitted shape to the next.
 WIDE_STEP: Final = 5.0
 AROUND_PX: Final = 8
-# A drawn shape is no further than this from the one fitted, a tenth of its stroke.
+# Largest distance of a drawn shape from the fitted one, a tenth of its stroke.
 SHAPE_OFF_PX: Final = 0.05
 BACKLIT: Final = "backlit"
 
 
 @dataclass(frozen=True, slots=True)
 class LookPanel:
-    """One look at a characteristic; all paths are of SVG, in coordinates of the picture.
+    """One look at a characteristic; all paths are SVG paths in picture coordinates.
 
     Attributes
     ----------
     rays : lines across the edge through the points found
-    used, refused : dots at the points that count, crosses at those that do not
-    shape : fitted
-    nominal : outline of the part as predicted from the CAD; may be empty
-    bar_px : length of a millimetre in the picture, None if it is not known
+    used, refused : dots at the points that count, crosses at the others
+    shape : fitted shape
+    nominal : outline of the part predicted from the CAD; may be empty
+    bar_px : length of a millimetre in the picture; None if unknown
     """
 
     c: CharacteristicReport
@@ -55,14 +55,14 @@ def look_panel(
     pictures: Pictures,
     lamp: str,
 ) -> LookPanel | None:
-    """Return a look with its cut-out; None if nothing of it can be drawn.
+    """Return a look with its cut-out; None if it has nothing to draw.
 
     Parameters
     ----------
-    c, look : what was measured, and by which picture
-    views : by id
-    pictures : of the part
-    lamp : its everyday name
+    c, look : characteristic, and the look at it
+    views : views by id
+    pictures : pictures of the part
+    lamp : common name of the lamp
     """
     view = views.get(look.view_id)
     name = picture_of(view, look.lamp) if view else None
@@ -90,7 +90,7 @@ def look_panel(
 
 
 def picture_of(view: ViewReport, lamp: str) -> str | None:
-    """Return a view's picture under a lamp; ``backlit`` is the one before the backlight panel."""
+    """Return a view's picture under a lamp; ``backlit`` for that before the backlight panel."""
     if lamp in view.pictures:
         return view.pictures[lamp]
     for name, file in view.pictures.items():
@@ -100,7 +100,7 @@ def picture_of(view: ViewReport, lamp: str) -> str | None:
 
 
 def _mm_px(c: CharacteristicReport, shape: Points) -> float | None:
-    """Return the pixels of a millimetre, from the rim's own size."""
+    """Return the pixels per millimetre, from the size of the rim."""
     if c.rim_radius_mm is None or len(shape) < 8:
         return None
     points = np.array(shape)
@@ -127,7 +127,7 @@ def _rays(points: Points, shape: Points) -> str:
 
 
 def _near(points: Points, window: Box) -> Points:
-    """Return the points in a window, and a little beyond it."""
+    """Return the points in a window and slightly beyond it."""
     x0, y0, x1, y1 = window
     return tuple(
         (x, y)
@@ -149,11 +149,11 @@ def _crosses(points: list[tuple[float, float]], half: float) -> str:
 
 
 def _path(points: Points, *, is_closed: bool) -> str:
-    """Return the shapes fitted, one by one: a wide step is the start of the next."""
+    """Return the paths of the fitted shapes; a wide step starts the next shape."""
     if not points:
         return ""
     steps = np.linalg.norm(np.diff(np.array(points), axis=0), axis=1)
-    if len(points) == 4 and not is_closed:  # two lines by their ends
+    if len(points) == 4 and not is_closed:  # two lines, each given by its ends
         breaks = [2]
     elif len(points) > 5:
         breaks = [int(i) + 1 for i in np.flatnonzero(steps > WIDE_STEP * np.median(steps))]

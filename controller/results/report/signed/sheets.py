@@ -1,4 +1,4 @@
-"""The content of the three printed pages of a part, ready for the template."""
+"""Content of a part's three printed pages for the template."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -25,16 +25,16 @@ PAPER_WORDS: Final[Mapping[str, str]] = {
     "gauge_id": "Gauge",
 }
 NOT_GIVEN: Final = "not given"
-# on the screen, of one characteristic
+# Largest number of looks at one characteristic on the screen.
 MAX_LOOKS: Final = 3
-# pictures of characteristics and of views on paper: two rows
+# Largest number of pictures of characteristics and of views on paper: two rows.
 MAX_TILES: Final = 14
 MARGIN, MIN_PX = 0.12, 200
 
 
 @dataclass(frozen=True, slots=True)
 class Thumbnail:
-    """A view in small."""
+    """Thumbnail of a view."""
 
     view_id: str
     lamp: str
@@ -44,15 +44,15 @@ class Thumbnail:
 
 @dataclass(frozen=True, slots=True)
 class PartSheets:
-    """All of the three pages.
+    """Content of the three pages.
 
     Attributes
     ----------
     facts : names and values of the header
-    drawing, sides : None and empty if the CAD file is not at hand; `no_drawing` says why
-    looks : every look that can be drawn, by balloon, where all are asked for; `crops` the best of
+    drawing, sides : None and empty if the CAD file is unavailable; `no_drawing` gives the reason
+    looks : looks that can be drawn, by balloon, where all are requested; `crops` has the best of
         each
-    left_out : characteristics and views that the contact sheet has no room for
+    left_out : characteristics and views that do not fit on the contact sheet
     """
 
     facts: tuple[tuple[str, str], ...]
@@ -81,11 +81,11 @@ def make_sheets(
 
     Parameters
     ----------
-    judged : the part
-    solid : its CAD model, or why there is none
-    pictures : of the part
-    lamp_words : a lamp's everyday name
-    all_looks : not only the best of each characteristic
+    judged : the judged part
+    solid : its CAD model, or the reason why there is none
+    pictures : pictures of the part
+    lamp_words : function that returns the common name of a lamp
+    all_looks : True for more looks than the best of each characteristic
     """
     part = judged.part
     rows = rows_of(part.characteristics)
@@ -99,7 +99,7 @@ def make_sheets(
     best: dict[int, LookPanel] = {}
     for panel in sorted(panels, key=lambda p: bool(p.look.reason)):
         best.setdefault(panel.c.balloon, panel)
-    # what did not pass must be seen, whatever else the page has no room for
+    # Characteristics that did not pass come first, since the page may not have room for all.
     crops = sorted(best.values(), key=lambda p: (p.c.verdict == "pass", p.c.balloon))
     view_count = max(0, MAX_TILES - len(crops))
     thumbnails = [t for view in part.views if (t := _thumbnail(view, pictures, lamp_words))]
@@ -127,17 +127,17 @@ def make_sheets(
 
 
 def look_count(c: CharacteristicReport) -> int:
-    """Return how many looks at a characteristic the screen has: of one that passed, the best."""
+    """Return the number of looks at a characteristic on the screen; one if it passed."""
     return 1 if c.verdict == "pass" else MAX_LOOKS
 
 
 def looks_to_draw(c: CharacteristicReport, count: int) -> tuple[LookReport, ...]:
-    """Return the looks to draw of a characteristic: those that count first.
+    """Return the looks at a characteristic to draw; those that count come first.
 
     Parameters
     ----------
     c : the characteristic
-    count : at most so many
+    count : largest number of looks
     """
     drawn = [look for look in c.looks if look.points_px or look.shape_px]
     return tuple(sorted(drawn, key=lambda look: bool(look.reason))[:count])
@@ -146,7 +146,7 @@ def looks_to_draw(c: CharacteristicReport, count: int) -> tuple[LookReport, ...]
 def _thumbnail(
     view: ViewReport, pictures: Pictures, lamp_words: Callable[[str], str]
 ) -> Thumbnail | None:
-    """Return a view under its first lamp other than the backlight, if it has one."""
+    """Return the thumbnail of a view under its first lamp other than the backlight, if any."""
     if not view.pictures:
         return None
     lit = [lamp for lamp in view.pictures if not lamp.endswith("backlight")]
@@ -190,13 +190,13 @@ def _calibrated(judged: JudgedPart) -> str:
     dates = judged.header.calibrated
     known = ", ".join(f"{camera} {date}" for camera, date in dates.items() if date)
     dated = known or "no date in the cell file"
-    # what of the calibrations does not count stands above the parts of a run
+    # Calibrations that do not count are listed above the parts of a run.
     doubts = () if judged.header.run_id else judged.header.calibration or ()
     return "; ".join((dated, *doubts))
 
 
 def compared_words(verdict: VerdictReport) -> str:
-    """Return the share of the surface that was compared, with its uncertainty."""
+    """Return the compared share of the surface with its uncertainty, in words."""
     share = f"{100 * verdict.compared_fraction:.2f} %"
     if verdict.compared_U is None:
         return share

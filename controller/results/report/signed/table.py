@@ -1,4 +1,4 @@
-"""The rows of characteristics: requirement, result and verdict."""
+"""Rows of the table of characteristics: requirement, result and verdict."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,25 +9,25 @@ from controller.inspection.characteristics import GENERAL, open_zones
 from ...run import CharacteristicReport
 
 DECIMALS: Final = 3
-# where the limits are in a deviation bar, which is 100 wide
+# Places of the limits in a deviation bar, which is 100 wide.
 LOWER_AT, UPPER_AT = 20.0, 80.0
 EDGE: Final = 2.0
-MAX_ROWS: Final = 30  # rows that fit a page
+MAX_ROWS: Final = 30  # largest number of rows on a page
 KIND_SIGNS: Final = {"diameter": "⌀ ", "radius": "R ", "position": "pos. ", "angle": "∠ "}
 UNITS: Final = {"mm": "mm", "deg": "°"}
 
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """A deviation bar, 100 wide: the limits, zones that the decision leaves open, the value, its U.
+    """A deviation bar, 100 wide: limits, zones left open by the decision, value and its U.
 
     Attributes
     ----------
     zones : x and width of the zones in which neither PASS nor FAIL is proven
-    at : the value, None if there is none; clipped to the bar
-    low, high : ends of its uncertainty, clipped
-    is_off : the value is beyond the bar
-    nominal : where the nominal value is
+    at : place of the value, clipped to the bar; None without a value
+    low, high : ends of its uncertainty interval, clipped
+    is_off : True if the value is beyond the bar
+    nominal : place of the nominal value
     """
 
     zones: tuple[tuple[float, float], ...]
@@ -40,7 +40,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A characteristic as the table prints it."""
+    """Printed row of a characteristic."""
 
     c: CharacteristicReport
     requirement: str
@@ -52,24 +52,24 @@ class Row:
 
     @property
     def unit(self) -> str:
-        """The unit's sign."""
+        """Symbol of the unit."""
         return UNITS[self.c.unit]
 
     @property
     def note(self) -> str:
-        """The remark beside the verdict."""
+        """Remark beside the verdict."""
         return "" if self.c.verdict == "pass" else self.c.reason
 
 
 @dataclass(frozen=True, slots=True)
 class Brief:
-    """Rows of a long table: those that a reader must see, and a summary of the rest.
+    """Rows of a long table that a reader must see, and a summary of the rest.
 
     Attributes
     ----------
-    rows : whole
-    passed : of general tolerances, and passed
-    open_ : why not evaluated, and the balloons for which that is so
+    rows : rows printed in full
+    passed : characteristics with general tolerances that passed
+    open_ : reasons for no evaluation, each with its balloons
     """
 
     rows: tuple[Row, ...]
@@ -78,7 +78,7 @@ class Brief:
 
 
 def briefly(rows: Sequence[Row]) -> Brief:
-    """Return a table that fits a page: a short one whole, a long one partly in summary."""
+    """Return a table that fits a page: a short one in full, a long one partly summarised."""
     if len(rows) <= MAX_ROWS:
         return Brief(tuple(rows))
     passed = tuple(row for row in rows if row.c.verdict == "pass" and not _is_stated(row.c))
@@ -92,17 +92,17 @@ def briefly(rows: Sequence[Row]) -> Brief:
 
 
 def _is_stated(c: CharacteristicReport) -> bool:
-    """Return whether this characteristic was requested by itself."""
+    """Return True if a characteristic was requested individually."""
     return c.is_critical or not c.source.startswith(GENERAL)
 
 
 def rows_of(characteristics: Sequence[CharacteristicReport]) -> tuple[Row, ...]:
-    """Return the rows, in the order of their balloons."""
+    """Return the rows in the order of their balloons."""
     return tuple(_row(c) for c in sorted(characteristics, key=lambda c: c.balloon))
 
 
 def tally(characteristics: Sequence[CharacteristicReport]) -> tuple[tuple[str, int], ...]:
-    """Return the number of characteristics with each verdict, the worst first."""
+    """Return the number of characteristics with each verdict, worst first."""
     words = [c.verdict for c in characteristics]
     order = ("fail", "indeterminate", "not evaluated", "pass")
     return tuple((word, words.count(word)) for word in order if word in words)
@@ -131,7 +131,7 @@ def _row(c: CharacteristicReport) -> Row:
 
 
 def _is_one_sided(c: CharacteristicReport) -> bool:
-    """Return whether the ideal value is 0, which has no lower limit."""
+    """Return True if the ideal value is 0, so that there is no lower limit."""
     return c.nominal == c.lower == 0
 
 
