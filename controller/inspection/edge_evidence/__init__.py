@@ -1,4 +1,4 @@
-"""Edges of a part in pictures: their places, and the evidence that they give on the part."""
+"""Edges of a part in pictures: their places, and their evidence on the part."""
 
 from ._damage import find_damage
 from ._depth import Floor, FloorLook, find_floor

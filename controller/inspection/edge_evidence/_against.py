@@ -1,8 +1,8 @@
-"""Evidence of the edges against a part: floors at another depth, edges out of their place.
+"""Evidence of edges against a part: floors at another depth, edges out of place.
 
-Edges that are not shown in place prove nothing. Here is what pictures do show: the same edge, whole
-and on a course of its own, where no good part's can be. It counts whatever else is compared, or
-left out.
+The absence of an edge from its place proves nothing. This module uses positive evidence: the same
+edge, complete and on a course of its own, where no good part can have it. Such evidence counts
+whatever else is compared or left out.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -26,16 +26,16 @@ from ._recesses import Recess
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MovedEdge:
-    """An edge that one picture shows whole, outside the place of any good part's.
+    """An edge that one picture shows completely, but where no good part can have it.
 
     Attributes
     ----------
-    look : which picture
-    edge : number of it in the boundary
-    points : (k,) of it that were found on its course
-    farthest : the one that is farthest beyond
-    off_px : its course there, out of the material
-    limit_px : what a good part's may be off there
+    look : the look at the picture
+    edge : number of the edge in the boundary
+    points : (k,) its points found on its course
+    farthest : the point farthest beyond its limit
+    off_px : offset of its course there, out of the material
+    limit_px : largest offset of a good part there
     """
 
     look: EdgeLook
@@ -47,7 +47,7 @@ class MovedEdge:
 
     @property
     def off_mm(self) -> float:
-        """Distance from its place on the part, across its course in the picture."""
+        """Distance on the part from its nominal place, across its course in the picture."""
         return abs(self.off_px) / float(np.linalg.norm(self.look.across[self.farthest]))
 
 
@@ -62,18 +62,18 @@ def find_against(
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> dict[str, tuple[Finding, ...]]:
-    """Return the findings of floors and edges out of place or missing, by view.
+    """Return the findings of floors and edges that are out of place or missing, by view.
 
     Parameters
     ----------
     solid : the part
-    recesses, edges : of it
-    looks : at them
-    floors : of its blind holes
-    missing : edges that must show, and do in no picture
-    pixel_mm : size of a pixel at the part
-    allowances : of unevenness
-    settings : how far light moves an edge
+    recesses, edges : recesses and edges of the part
+    looks : looks at them
+    floors : floors of its blind holes
+    missing : edges that must be visible, and are so in no picture
+    pixel_mm : pixel size at the part
+    allowances : allowed unevenness
+    settings : uncertainties from light
     """
     out: dict[str, list[Finding]] = {}
     of_look = {(look.view_id, look.lamp): look for look in looks}
@@ -95,7 +95,8 @@ def _floor_findings(
 ) -> Iterator[tuple[str, Finding]]:
     """Yield a finding for each view that shows a floor out of place.
 
-    What light shows is one look, however many pictures do: all share one model of it.
+    Floors placed by light count as one look for any number of pictures, since all share one light
+    model.
     """
     told: set[str] = set()
     bottom = sorted(floor.recess.bottom(solid))
@@ -121,13 +122,13 @@ def _floor_findings(
 
 
 class _Places:
-    """The feature of an edge: a recess by its walls, else its two faces."""
+    """Features of edges: a recess by its walls, else the edge's two faces."""
 
     def __init__(self, recesses: Iterable[Recess]) -> None:
         self._walls_about = {wall: one.walls for one in recesses for wall in one.walls}
 
     def of(self, faces: Iterable[int]) -> frozenset[int]:
-        """Return the faces of the feature that an edge between two faces is of."""
+        """Return the faces of the feature to which an edge between two faces belongs."""
         walls = (self._walls_about[face] for face in sorted(faces) if face in self._walls_about)
         return next(walls, frozenset(faces))
 
@@ -140,7 +141,7 @@ def _edge_findings(
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> Iterator[tuple[str, Finding]]:
-    """Yield a finding of the edge farthest out of its place, by feature and view."""
+    """Yield a finding of the edge farthest out of place, by feature and view."""
     by_place: dict[tuple[frozenset[int], str], list[MovedEdge]] = {}
     told = [
         (look, known_points(look), wave_of(look, pixel_mm, allowances, settings)) for look in looks
@@ -175,7 +176,7 @@ def _edge_findings(
 def _missing_findings(
     edges: PartEdges, looks: Sequence[EdgeLook], places: _Places, missing: Sequence[MissingEdge]
 ) -> Iterator[tuple[str, Finding]]:
-    """Yield a finding for the missing edges of each feature, in the picture that must show most."""
+    """Yield a finding for each feature's missing edges, in the picture that must show most."""
     by_place: dict[frozenset[int], list[MissingEdge]] = {}
     for edge in missing:
         by_place.setdefault(places.of(edge.faces), []).append(edge)
@@ -205,14 +206,14 @@ def _missing_findings(
 def _moved(
     edges: PartEdges, look: EdgeLook, points: IndexArray, is_known: BoolArray, wave_px: float
 ) -> MovedEdge | None:
-    """Return an edge that a picture shows beyond its limits; None for any other.
+    """Return an edge that a picture shows beyond its limits; None for other edges.
 
     Parameters
     ----------
-    edges : of the part
-    look : the picture
-    points : (k,) of one edge, in order
-    is_known : (n,) of all points, see `known_points`
+    edges : edges of the part
+    look : look at one picture
+    points : (k,) points of one edge, in order
+    is_known : (n,) mask of all points, see `known_points`
     wave_px : see `wave_of`
     """
     shown = points[look.state[points] != State.HIDDEN]
@@ -238,9 +239,9 @@ def _moved(
 
 
 def _is_agreed(edges: PartEdges, moved: Sequence[MovedEdge], looks: Sequence[EdgeLook]) -> bool:
-    """Return True if two pictures show an edge out of its place, and no more show it in there.
+    """Return True if two pictures show an edge out of place, and not as many show it in place.
 
-    A picture that the same shift would leave within its limits says nothing.
+    A picture in which the same shift would be within the limits is no evidence.
     """
     if len(moved) < TWO:
         return False
@@ -269,7 +270,7 @@ def _finding(
     area_mm2: float,
     words: str,
 ) -> Finding:
-    """Return the finding of a picture along some points (k,) of edges."""
+    """Return a picture's finding along some points (k,) of edges."""
     at = look.pixels[points]
     low, high = at.min(axis=0), at.max(axis=0)
     x, y = at.mean(axis=0).tolist()

@@ -1,4 +1,4 @@
-"""Chips and burrs on edges, found in pictures under lamps and before the panel alike."""
+"""Chips and burrs on edges, found in pictures under lamps and before the panel."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -12,7 +12,7 @@ from .._types import Finding, FindingKind
 from ._displaced import Displaced
 from ._edges import PartEdges
 
-BESIDE: Final = 1  # points of an edge between two runs that are one thing
+BESIDE: Final = 1  # largest number of points between two runs of one place
 
 
 def find_damage(
@@ -21,18 +21,18 @@ def find_damage(
     T_world_part: Mapping[str, FloatArray],
     is_refuted: Sequence[bool] = (),
 ) -> dict[str, tuple[Finding, ...]]:
-    """Return the findings of runs of displaced points by view, one for each place and view.
+    """Return the findings from runs of displaced points by view, one for each place and view.
 
-    A place is sure where two views show it, the part turned between them and not in the same
-    pixels: two lamps in one view share the dirt on the lens and the dust on the part. What is not
-    sure is nothing where other looks refute it.
+    A place is sure if two views show it in different pixels with the part turned between them; two
+    lamps in one view share the dirt on the lens and the dust on the part. A place that is not sure
+    is dropped if other looks refute it.
 
     Parameters
     ----------
-    edges : of the part
-    runs : all that were found
+    edges : edges of the part
+    runs : all runs found
     T_world_part : (4, 4) by view id
-    is_refuted : of each run, whether other looks had to show it and do not; empty for none
+    is_refuted : for each run, True if other looks had to show it and do not; empty for none
     """
     contradicted = {id(run) for run, is_it in zip(runs, is_refuted, strict=False) if is_it}
     by_place: dict[tuple[int, str], list[Displaced]] = {}
@@ -55,7 +55,7 @@ def find_damage(
 
 
 def _places(edges: PartEdges, runs: Sequence[Displaced]) -> list[int]:
-    """Return the number of the place of each run; runs on the same points have the same."""
+    """Return the number of each run's place; runs on the same points share one."""
     numbers = list(range(len(runs)))
     for i, one in enumerate(runs):
         for j, other in enumerate(runs[:i]):

@@ -1,8 +1,8 @@
-"""Depth of a blind hole, as far as pictures show it: never half as deep as it must be.
+"""Bounds on the depth of a blind hole from pictures: surely more than half its nominal depth.
 
-Seen along its axis a floor shows at the same place however deep it is. What shows its depth is how
-its edges lie against those of the mouth, in a view that is turned a little; or how much of a lamp's
-light gets in (`rise_by_light`).
+Along the axis of a hole, its floor appears at the same place whatever its depth. The depth follows
+from the offset of the floor's edges against the mouth's in a slightly turned view, or from the
+amount of a lamp's light that reaches the floor (`rise_by_light`).
 """
 
 from collections.abc import Sequence
@@ -18,16 +18,17 @@ from ._edges import PartEdges
 from ._looks import FORM_PX, EdgeLook, State
 from ._recesses import Recess
 
-MIN_POINTS: Final = 6  # least number of points of the mouth, and of the floor, to show a depth
-FOLLOWS: Final = 0.6  # share of a floor's edge, where it must show, that must lie on the fitted one
-K: Final = 3.0  # standard deviations in the bound of a floor's height
-HALF: Final = 0.5  # share of the depth; a floor that high is another hole's
-# Error from which a floor is wrong, as a share of the depth and at least in mm: a general
-# tolerance is less.
+MIN_POINTS: Final = 6  # least number of points on the mouth, and on the floor, for a depth
+# Least share of a floor's visible edge that must lie on the fitted one.
+FOLLOWS: Final = 0.6
+K: Final = 3.0  # number of standard deviations in the bound of a floor's height
+HALF: Final = 0.5  # height of a floor, as a share of the depth, from which it is another hole's
+# Error from which a floor is wrong, as a share of the depth and at least in mm; general tolerances
+# are narrower.
 WRONG_SHARE: Final = 0.1
 WRONG_MM: Final = 0.3
-HIGH_COUNT: Final = 2  # pictures that have to show a floor in the upper half of its hole
-LIT_SHARE: Final = 0.3  # the same share for a floor placed by light, whose model may err by more
+HIGH_COUNT: Final = 2  # number of pictures required for a floor in the upper half of its hole
+LIT_SHARE: Final = 0.3  # the same share for a floor placed by light, whose model has larger errors
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -36,10 +37,10 @@ class FloorLook:
 
     Attributes
     ----------
-    view_id, lamp : which picture
-    off_mm : out of the material; negative where it lies deeper
+    view_id, lamp : view and lamp of the picture
+    off_mm : height above nominal; negative for a deeper floor
     u_mm : standard uncertainty
-    is_by_light : by how much light gets in, not by edges
+    is_by_light : True if derived from the light that gets in, not from edges
     """
 
     view_id: str
@@ -50,18 +51,18 @@ class FloorLook:
 
     @property
     def room_mm(self) -> float:
-        """Possible error of the height."""
+        """Largest possible error of the height."""
         return K * self.u_mm
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Floor:
-    """The floor of a blind hole, by all pictures that show it.
+    """The floor of a blind hole in all pictures that show it.
 
     Attributes
     ----------
     recess : the hole
-    looks : pictures that place its floor more surely than the hole is deep
+    looks : looks whose uncertainty is less than the depth of the hole
     """
 
     recess: Recess
@@ -69,9 +70,9 @@ class Floor:
 
     @property
     def bound_mm(self) -> float:
-        """Largest possible displacement of the floor; inf where that is too much.
+        """Largest possible displacement of the floor; inf where it is too large.
 
-        One picture that shows it is enough, unless any shows it out of place.
+        One picture is enough, unless any shows the floor out of place.
         """
         if self.is_doubted:
             return float("inf")
@@ -79,16 +80,16 @@ class Floor:
 
     @property
     def is_doubted(self) -> bool:
-        """True if a picture shows it out of place."""
+        """True if any picture shows it out of place."""
         return bool(self._wrong)
 
     @property
     def elsewhere(self) -> tuple[FloorLook, ...]:
-        """Pictures that show it out of place, the surest first; none where others outweigh them.
+        """Looks that show it out of place, the surest first; none where others outweigh them.
 
-        A hole drilled too deep or too shallow by more than a tenth is another hole. As many
-        pictures that show the floor in place outweigh them. In the upper half of the hole an edge
-        may be the border of the mouth's own shadow: one picture does not prove it there.
+        A hole too deep or too shallow by more than a tenth is another hole. An equal number of
+        pictures with the floor in place outweighs these looks. In the upper half of the hole an
+        edge may be the border of the mouth's own shadow, so one picture is no proof there.
         """
         wrong = self._wrong
         is_high = all(one.off_mm > HALF * self.recess.depth_mm for one in wrong)
@@ -98,7 +99,7 @@ class Floor:
 
     @property
     def off_mm(self) -> float:
-        """Mean of the pictures that show it out of place, weighted by their variances."""
+        """Mean of the looks that show it out of place, weighted by their variances."""
         looks = self.elsewhere
         weights = [1.0 / max(one.u_mm, 1e-6) ** 2 for one in looks]
         return float(np.average([one.off_mm for one in looks], weights=weights))
@@ -128,15 +129,15 @@ def find_floor(
     settings: MeasuringSettings,
     by_light: Sequence[FloorLook] = (),
 ) -> Floor:
-    """Return the floor of a blind hole as the pictures show it.
+    """Return the floor of a blind hole from all pictures.
 
     Parameters
     ----------
-    edges : of the part
-    looks : at them
-    recess : a blind one
-    settings : how far light moves an edge
-    by_light : the pictures that show by light how deep it is
+    edges : edges of the part
+    looks : looks at them
+    recess : a blind recess
+    settings : uncertainties from light
+    by_light : looks that derive its depth from light
     """
     by_edges = (floor_look(edges, look, recess, settings) for look in looks)
     told = (one for one in by_light if _tells(one, recess))
@@ -150,19 +151,19 @@ def floor_look(
     settings: MeasuringSettings,
     raised: tuple[float, PartEdges, EdgeLook] | None = None,
 ) -> FloorLook | None:
-    """Return the height of a floor above nominal by its edges in a picture, None if not shown.
+    """Return the height of a floor above nominal by its edges in a picture; None if not visible.
 
-    Mouth and floor share how far the recess is out of place across its axis. What is less sure than
-    the hole is deep says nothing. What lies as high as the mouth is the mouth's own edge, which the
-    search took for the floor's.
+    Mouth and floor share the displacement of the recess across its axis. A height less certain than
+    the depth of the hole is no evidence. A floor as high as the mouth is the mouth's own edge,
+    which the search took for the floor's.
 
     Parameters
     ----------
-    edges : of the part
-    look : at them
-    recess : a blind one
-    settings : how far light moves an edge
-    raised : by how much the floor was raised to be looked for [mm], its edges there, and the look
+    edges : edges of the part
+    look : look at them
+    recess : a blind recess
+    settings : uncertainties from light
+    raised : height by which the floor was raised for the search [mm], its edges there, and the look
         at these; None for its nominal place
     """
     raised_mm, floor_edges, at_floor = raised or (0.0, edges, look)
@@ -185,15 +186,15 @@ def floor_look(
             return None
         solution: FloatArray = covariance @ (scaled.T @ (offset * weight))
         off = np.abs(offset - design @ solution)
-        # what lies far off is another edge
+        # An edge far off is another one.
         scale = max(1.5 * float(np.median(off)), settings.lit_edge_px)
         weight = base * np.minimum(1.0, scale / np.maximum(off, 1e-9))
-    # the border of a shadow crosses where a floor must show, and does not follow it
+    # The border of a shadow crosses the floor's expected edge and does not follow it.
     follows = off[len(mouth) :] <= FORM_PX + K * at_floor.sigma_px[floor]
     shown = on_floor & (at_floor.state != State.HIDDEN)
     if follows.sum() < max(MIN_POINTS, FOLLOWS * shown.sum()):
         return None
-    # light moves all of a floor's edge together, and all of a mouth's
+    # Light moves the whole edge of a floor together, and the whole edge of a mouth.
     size = float(np.sqrt(np.mean(rise[len(mouth) :] ** 2)))
     light = settings.lit_edge_px * np.sqrt(2.0) / max(size, 1e-9)
     u_mm = float(np.hypot(np.sqrt(covariance[2, 2]), light))
@@ -202,7 +203,7 @@ def floor_look(
 
 
 def _tells(look: FloorLook, recess: Recess) -> bool:
-    """Return True if a picture places a floor below the mouth, surely."""
+    """Return True if a picture surely places a floor below the mouth."""
     return max(look.off_mm, 0.0) + look.room_mm < recess.depth_mm
 
 

@@ -1,8 +1,8 @@
-"""Stretches where an edge leaves its own course: broken off, or with something on it.
+"""Stretches where an edge leaves its own course: material is broken off, or adheres to it.
 
-An edge as a whole may lie off its place within tolerances, and light may move it as a whole. What
-is left once its own course is taken off is tested as outlines are (`integrity`): windows of
-neighbouring rays against noise, and against what moves neighbours together.
+An edge as a whole may be displaced within tolerances, and by light. The residuals about its own
+course are tested like outlines (`integrity`): windows of neighbouring rays against noise, and
+against common displacements of neighbours.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,32 +19,32 @@ from ._edges import PartEdges
 from ._looks import EdgeLook, State
 
 MIN_POINTS: Final = 8  # least number of points of an edge with a course of its own
-MIN_RUN: Final = 3  # least number of neighbouring rays that are off
+MIN_RUN: Final = 3  # least number of neighbouring rays in a run
 ROUNDS: Final = 4
-SIGMAS: Final = 3.0  # in standard deviations; the limit of any test is higher
-# Share of a run's depth; points farther off belong to it, the others are on course.
+SIGMAS: Final = 3.0  # standard deviations below which no test can find a run
+# Share of a run's depth above which points belong to the run; the others are on course.
 BELONGS: Final = 0.25
-FLANK: Final = 2  # points on course required at each end of a run
-GAP: Final = 2  # missing points that do not end a run
-SAME_LIGHT: Final = 2.0  # largest ratio of the contrasts along a run and beside it
-OUTWARD: Final = 0.3  # share of a ray that leads out of the material, so that its sign is clear
-LIMIT: Final = 2.0  # robust scatters from which a point has less weight in the course
+FLANK: Final = 2  # least number of points on course at each end of a run
+GAP: Final = 2  # largest number of missing points within a run
+SAME_LIGHT: Final = 2.0  # largest ratio between the contrasts along a run and beside it
+OUTWARD: Final = 0.3  # least share of a ray that leads out of the material, for a clear sign
+LIMIT: Final = 2.0  # robust deviations from which a point has less weight in the course
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Displaced:
-    """Neighbouring points of an edge that one picture shows off its course.
+    """A run of neighbouring points of an edge that one picture shows off its course.
 
     Attributes
     ----------
-    look : which picture
-    points : (k,) of the edges' points
-    deepest : the one that is farthest off
-    depth_px : the largest difference, positive out of the material
+    look : the look at the picture
+    points : (k,) numbers of the edge points
+    deepest : number of the point farthest off
+    depth_px : largest difference, positive out of the material
     depth_mm : the same on the part
-    mean_mm : of the differences at all its points, without sign
-    length_mm : along the edge
-    is_burr : it is off away from the material, and the picture shows which way that is
+    mean_mm : mean of the absolute differences at all its points
+    length_mm : length along the edge
+    is_burr : True if it is off away from the material, and the picture shows that direction
     """
 
     look: EdgeLook
@@ -59,15 +59,15 @@ class Displaced:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Course:
-    """One edge in one picture, less its own course.
+    """Residuals of one edge in one picture about its own course.
 
     Attributes
     ----------
-    known : (n,) which of the edges' points were found, in order
-    off_px : (n,) how far they are off the edge's course, out of the material
-    step_px : between two of them in the picture
-    scatter_px : of them about the course, robust
-    wave_px : what light and form move neighbours by together, standard deviation
+    known : (n,) numbers of the edge points found, in order
+    off_px : (n,) their distances from the edge's course, out of the material
+    step_px : distance between two of them in the picture
+    scatter_px : robust scatter about the course
+    wave_px : standard deviation of common displacements of neighbours by light and form
     """
 
     known: IndexArray
@@ -77,7 +77,7 @@ class Course:
     wave_px: float
 
     def noise_px(self, look: EdgeLook, points: IndexArray) -> float:
-        """Return the noise of a point (k,) of a set that may be faint, standard deviation [px]."""
+        """Return the noise of points (k,), some of which may be faint: standard deviation [px]."""
         own = float(np.sqrt(np.mean(np.square(look.sigma_px[points]))))
         return max(self.scatter_px, own)
 
@@ -85,39 +85,39 @@ class Course:
 def wave_of(
     look: EdgeLook, pixel_mm: float, allowances: Allowances, settings: MeasuringSettings
 ) -> float:
-    """Return the deviation of neighbouring edge points by light and form, one sigma [px].
+    """Return the standard deviation of neighbouring edge points by light and form [px].
 
-    Light on the edge as a whole is in its course.
+    The effect of light on the edge as a whole is part of its course.
 
     Parameters
     ----------
-    look : the picture
-    pixel_mm : size of a pixel at the part
-    allowances : of unevenness
-    settings : how far light moves an edge
+    look : look at the picture
+    pixel_mm : pixel size at the part
+    allowances : allowed unevenness
+    settings : uncertainties from light
     """
     light = settings.backlit_edge_px if look.lamp == BACKLIT else settings.lit_edge_px
     return float(np.hypot(light / 3.0, allowances.form_mm / pixel_mm))
 
 
 def known_points(look: EdgeLook) -> BoolArray:
-    """Return a mask (n,) of the points that a picture shows in their own light.
+    """Return a mask (n,) of the points that a picture shows in undisturbed light.
 
-    Elsewhere a wall may throw the panel's light back, or the gripper's shadow may end, whose border
-    beside an edge looks like damage.
+    Elsewhere a wall may reflect the panel's light, or the border of the gripper's shadow may lie
+    beside an edge and look like damage.
     """
     is_lit_so = ~look.may_glare & ~look.may_shade
     return np.asarray(np.isfinite(look.offset_px) & (look.state != State.HIDDEN) & is_lit_so)
 
 
 def course_of(edges: PartEdges, look: EdgeLook, known: IndexArray, wave_px: float) -> Course:
-    """Return one edge in one picture, less its own course.
+    """Return the residuals of one edge in one picture about its own course.
 
     Parameters
     ----------
-    edges : of the part
-    look : the picture
-    known : (n,) points of the edge that were found, in order; `MIN_POINTS` or more
+    edges : edges of the part
+    look : look at the picture
+    known : (n,) numbers of the edge points found, in order; `MIN_POINTS` or more
     wave_px : see `wave_of`
     """
     off = _off_course(edges, look, known)
@@ -133,16 +133,16 @@ def find_displaced(
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> list[Displaced]:
-    """Return the runs of edges that chance does not explain, look by look.
+    """Return the runs of edges not explained by chance, look by look.
 
     Parameters
     ----------
-    edges : of the part
-    looks : at them
-    pixel_mm : size of a pixel at the part
-    smallest_mm : the shortest run; what is shorter may be dust
-    allowances : of unevenness and false alarms
-    settings : how far light moves an edge
+    edges : edges of the part
+    looks : looks at them
+    pixel_mm : pixel size at the part
+    smallest_mm : length of the shortest run; a shorter one may be dust
+    allowances : allowed unevenness and false alarms
+    settings : uncertainties from light
     """
     total = sum(int(np.isfinite(look.offset_px).sum()) for look in looks)
     starts = np.flatnonzero(np.diff(edges.edge, prepend=-1))
@@ -153,7 +153,7 @@ def find_displaced(
         is_known = known_points(look)
         for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
             known = start + np.flatnonzero(is_known[start:end])
-            # where all of an edge lies so close, no window is off by what chance does not explain
+            # If all of an edge is this close to its course, no window can exceed chance.
             if (
                 len(known) >= MIN_POINTS
                 and float(np.ptp(look.offset_px[known])) >= SIGMAS * wave_px
@@ -169,10 +169,10 @@ def _runs(edges: PartEdges, look: EdgeLook, course: Course, test: RunTest) -> It
 
     Parameters
     ----------
-    edges : of the part
-    look : the picture
-    course : of the edge in it
-    test : how a run and chance are told apart; without the noise
+    edges : edges of the part
+    look : look at the picture
+    course : course of the edge in it
+    test : test of a run against chance, without the noise
     """
     known, off = course.known, course.off_px
     typical = median(look.sigma_px[known])
@@ -182,7 +182,7 @@ def _runs(edges: PartEdges, look: EdgeLook, course: Course, test: RunTest) -> It
         if whole is None:
             continue
         mine = known[whole]
-        # where the edge is faint its points are known less well than elsewhere
+        # Points of a faint edge are less certain than others.
         weaker = replace(test, noise_px=course.noise_px(look, mine))
         sigma = float(weaker.sigma_px(np.array([len(mine) * course.step_px]))[0])
         if abs(float(off[whole].mean())) < test.limit(len(known)) * sigma:
@@ -204,18 +204,18 @@ def _runs(edges: PartEdges, look: EdgeLook, course: Course, test: RunTest) -> It
 
 
 def _whole_run(look: EdgeLook, known: IndexArray, off: FloatArray, run: Run) -> IndexArray | None:
-    """Return all points (k,) of `known` in a run's displacement; None if it is no edge's own.
+    """Return all points (k,) of `known` in a run; None if the edge itself is not displaced.
 
-    Material that is missing leaves the edge between the same two levels of light, and the edge is
-    back on its course at both ends. The border of a shadow that meets the edge leads away from it,
-    and light changes as it is crossed.
+    Where material is missing, the edge still lies between the same two levels of light, and returns
+    to its course at both ends. The border of a shadow that meets the edge leads away from it, and
+    the levels of light change across it.
 
     Parameters
     ----------
-    look : with the contrast
-    known : (n,) which points of an edge were found, in order
-    off : (n,) how far they are off its course
-    run : of these
+    look : look at the picture, with the contrasts
+    known : (n,) numbers of the edge points found, in order
+    off : (n,) their distances from its course
+    run : run among these points
     """
     sign, depth = np.sign(run.depth_px), abs(run.depth_px)
     low, high = int(run.points.min()), int(run.points.max())
@@ -242,10 +242,10 @@ def _whole_run(look: EdgeLook, known: IndexArray, off: FloatArray, run: Run) -> 
 
 
 def _off_course(edges: PartEdges, look: EdgeLook, known: IndexArray) -> FloatArray:
-    """Return the distances of points (k,) of one edge from its own course [px].
+    """Return the distances (k,) of points of one edge from its own course [px].
 
-    A straight edge may be shifted and turned; one that closes on itself moved, grown and out of
-    round.
+    The course of a straight edge may be shifted and turned; that of a closed edge may be shifted,
+    grown and out of round.
     """
     place = (known - known[0]) / max(len(edges.edge), 1)
     if edges.is_closed[known[0]]:

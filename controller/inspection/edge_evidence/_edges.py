@@ -1,4 +1,4 @@
-"""All edges of a part as points in space, with the faces that meet in them."""
+"""All edges of a part as points in space, with their adjacent faces."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -13,31 +13,31 @@ from controller.cad import Curve as CurveKind
 
 from ..dimensions import Curve
 
-SPACING_PX: Final = 2.0  # distance between rays; nearer ones see the same within a lens's blur
-CORNER_PX: Final = 5.0  # distance from a corner below which other edges are seen
+SPACING_PX: Final = 2.0  # distance between rays; within a lens's blur closer ones add nothing
+CORNER_PX: Final = 5.0  # distance from a corner below which other edges disturb a ray
 SHORTEST_PX: Final = 3.0  # length below which an edge is lost in the blur of a lens
-# Share of an edge left out at a corner, so that a short one is measured as well.
+# Largest share of an edge left out at a corner, so that short edges are measured too.
 MAX_CORNER: Final = 0.3
 MIN_POINTS: Final = 4
 MAX_POINTS: Final = 160
 STEP: Final = 0.5  # step back and on for the tangent, in spacings
-KEPT_PARTS: Final = 4  # parts whose geometry is kept, for the next part of the kind
+KEPT_PARTS: Final = 4  # number of products whose geometry is cached for their next part
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PartEdges:
-    """Points along every sharp edge of a part, CAD frame; edge by edge, in order.
+    """Points along every sharp edge of a part, edge by edge in order, CAD frame.
 
     Attributes
     ----------
-    curves : one for each edge looked at
-    edge : (n,) which edge of the boundary each point is on
+    curves : one curve for each edge used
+    edge : (n,) number in the boundary of each point's edge
     points_mm : (n, 3)
-    length_mm : (n,) of the edge that each point stands for
-    faces : (n, 2) that meet there
-    normals : (n, 2, 3) theirs, outward
+    length_mm : (n,) length of edge that each point represents
+    faces : (n, 2) adjacent faces
+    normals : (n, 2, 3) their outward normals
     into : (n, 2, 3) unit, square to the edge, along each face and away from the edge
-    is_closed : (n,) the edge closes on itself
+    is_closed : (n,) True where the edge is closed
     """
 
     curves: tuple[Curve, ...]
@@ -70,12 +70,12 @@ class PartEdges:
 
 
 def find_edges(solid: Solid, pixel_mm: float) -> PartEdges | None:
-    """Return points along every edge that is neither smooth nor tiny, None for no such edge.
+    """Return points along every edge that is neither smooth nor tiny; None without such edges.
 
     Parameters
     ----------
     solid : the part
-    pixel_mm : size of a pixel there
+    pixel_mm : pixel size at the part
     """
     b = solid.boundary
     vertices = np.asarray(solid.mesh.vertices, dtype=np.float64)
@@ -114,7 +114,7 @@ def find_edges(solid: Solid, pixel_mm: float) -> PartEdges | None:
             ])  # fmt: skip
             ids = np.full(len(on), face, dtype=np.int32)
             normals[:, side] = surface_normals(solid.faces, ids, on, facets[triangles])
-            # a half-edge has its face to its left, seen from outside
+            # Seen from outside, a half-edge has its face on the left.
             into[:, side] = turn * np.cross(normals[:, side], tangent)
         out = normals.sum(axis=1)
         size = np.linalg.norm(out, axis=1, keepdims=True)
@@ -147,7 +147,7 @@ def find_edges(solid: Solid, pixel_mm: float) -> PartEdges | None:
 
 
 def _places(length_mm: float, pixel_mm: float, is_closed: bool) -> tuple[FloatArray, float]:
-    """Return the places of points along an edge [mm], and the length that each stands for."""
+    """Return the places of points along an edge [mm], and the length that each represents."""
     corner = 0.0 if is_closed else min(CORNER_PX * pixel_mm, MAX_CORNER * length_mm)
     wanted = (length_mm - 2 * corner) / (SPACING_PX * pixel_mm)
     count = int(np.clip(wanted, MIN_POINTS, MAX_POINTS))
@@ -156,7 +156,7 @@ def _places(length_mm: float, pixel_mm: float, is_closed: bool) -> tuple[FloatAr
 
 
 def _along(way: FloatArray, at: FloatArray, places: FloatArray, is_closed: bool) -> FloatArray:
-    """Return points (n, 3) of a polyline, at places along it that may lie beyond its ends."""
+    """Return points (n, 3) at places along a polyline, possibly beyond its ends."""
     if is_closed:
         places = places % at[-1]
     inside = np.clip(places, at[0], at[-1])

@@ -1,4 +1,4 @@
-"""Faces that are verified by their edges: walls of holes, and faces too small to compare."""
+"""Verification of faces by their edges: walls of holes, and faces too small to compare."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,29 +16,29 @@ from ._edges import KEPT_PARTS, PartEdges
 from ._looks import EdgeLook, State
 from ._recesses import Recess
 
-TWO: Final = 2  # least number of pictures in which an edge must be missing
+TWO: Final = 2  # least number of pictures from which an edge must be missing
 THREE: Final = 3  # the same for an edge shorter than the smallest defect
-GREATER_PART: Final = 0.5  # share of a face's edges that must be in place
-CHANCE: Final = 0.1  # share of an edge that texture alone may show in place
-BESIDE: Final = 1.5  # in spacings: points of two mouths this near are one above the other
+GREATER_PART: Final = 0.5  # least share of a face's edges that must be in place
+CHANCE: Final = 0.1  # largest share of an edge in place by texture alone
+BESIDE: Final = 1.5  # distance, in spacings, below which points of two mouths overlap
 NO_DEPTH: Final = "no picture shows how deep its floor lies"
 DISPUTED: Final = "pictures disagree on how deep its floor lies"
 NO_RIM: Final = "its rim is too short to be looked for"
 CLOSED: Final = "no light is shown to pass the bore that it leads to"
-PER_FACE: Final = 400  # random points on a face, which find its largest disc to some per cent
+PER_FACE: Final = 400  # random points per face, for its largest disc to a few per cent
 
 
 @dataclass(frozen=True, slots=True)
 class FaceEdges:
-    """Evidence of its edges on a face.
+    """Evidence on a face from its edges.
 
     Attributes
     ----------
-    share : of the length of its sharp edges, in place; of a wall, of its mouths
-    look_count : pictures that show any of it in place
-    is_verified : they stand for a surface that cannot be compared
-    how : by what, in words; empty where it is not verified
-    why : of a face that edges could stand for, why they do not; empty where they do, and of others
+    share : share of the length of its sharp edges that is in place; for a wall, of its mouths
+    look_count : number of pictures that show any of it in place
+    is_verified : True if the edges verify a surface that cannot be compared
+    how : proof in words; empty where it is not verified
+    why : reason why edges that could verify the face do not; empty otherwise
     """
 
     share: float
@@ -49,11 +49,11 @@ class FaceEdges:
 
 
 def floor_words(off_mm: float) -> str:
-    """Return the words for a floor that shows out of its place.
+    """Return the words for a floor that is out of place.
 
     Parameters
     ----------
-    off_mm : out of the material; negative where it lies deeper
+    off_mm : height above nominal; negative for a deeper floor
     """
     way = "higher" if off_mm > 0 else "deeper"
     return f"the floor shows about {abs(off_mm):.1f} mm {way}"
@@ -61,14 +61,14 @@ def floor_words(off_mm: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class MissingEdge:
-    """An edge that must show, and shows in no picture.
+    """An edge that must be visible but is found in no picture.
 
     Attributes
     ----------
     edge : its number in the boundary
-    faces : ids of the two that meet in it
-    length_mm : its own
-    look_count : pictures in which it must show
+    faces : ids of its two adjacent faces
+    length_mm : length of the edge
+    look_count : number of pictures that must show it
     """
 
     edge: int
@@ -80,17 +80,17 @@ class MissingEdge:
 def missing_edges(
     solid: Solid, edges: PartEdges, looks: Sequence[EdgeLook], smallest_mm: float
 ) -> tuple[MissingEdge, ...]:
-    """Return the outer edges that must show for the greater part, and show nowhere in place.
+    """Return the outer edges that must be mostly visible, and are nowhere found in place.
 
-    What stands between two faces of one brightness hides in one picture, not in two: each place
-    along an edge counts where two pictures must show it. One that is shorter than the smallest
-    defect spans a few pixels, and hides more easily: it takes three. An inner corner may hide in
-    all of them.
+    An edge between two faces of equal brightness may be invisible in one picture, but not in two,
+    so each place along an edge counts where two pictures must show it. An edge shorter than the
+    smallest defect spans a few pixels and is more easily invisible: it takes three. An inner corner
+    may be invisible in all pictures.
 
     Parameters
     ----------
-    solid, edges, looks : as `prove_faces`
-    smallest_mm : the smallest defect
+    solid, edges, looks : see `prove_faces`
+    smallest_mm : size of the smallest defect
     """
     shown = np.stack([look.state != State.HIDDEN for look in looks])
     held = np.any([look.state == State.IN_PLACE for look in looks], axis=0)
@@ -116,20 +116,20 @@ def prove_faces(
     narrow: BoolArray,
     floors: Mapping[frozenset[int], Floor],
 ) -> dict[int, FaceEdges]:
-    """Return the evidence of edges by face id.
+    """Return the evidence on faces from their edges, by face id.
 
-    A wall of a through hole is shown by the light through it: both its rims may be in place with
-    a web between them. One of a blind hole is shown by its rim, once the floor is shown not to be
-    half as deep. Any other narrow face is shown by its edges, in pictures in which the smallest
-    defect would have moved them.
+    The wall of a through hole is verified by the light through it, since both rims may be in place
+    with a web between them. The wall of a blind hole is verified by its rim, once the floor is
+    shown to be deeper than half. Any other narrow face is verified by its edges, in pictures in
+    which the smallest defect would have moved them.
 
     Parameters
     ----------
     solid : the part
-    recesses, edges : of it
-    looks : at them
-    narrow : (f,) no disc of the smallest defect on the face is far enough from its edges
-    floors : of its blind holes, by their walls
+    recesses, edges : recesses and edges of the part
+    looks : looks at them
+    narrow : (f,) True where no disc of the smallest defect on the face is far enough from its edges
+    floors : floors of its blind holes, by their walls
     """
     recess_of = {wall: recess for recess in recesses for wall in recess.walls}
     held = confirmed(looks, np.stack([look.state == State.IN_PLACE for look in looks]))
@@ -145,14 +145,14 @@ def prove_faces(
         mouths, axis = _mouths(solid, edges, face, recess)
         if mouths:
             light = [_by_light(edges, looks, mouth, axis, face) for mouth in mouths]
-            # of a bore with one plain mouth that one tells, of a passage both
+            # A bore with one plain mouth is proven by it, a passage by both.
             share = min(light) if recess is not None else max(light)
             how = "of its rims, by the light through it," if share > GREATER_PART else ""
             why = f"light through it is shown at {100 * share:.0f} % of its rims"
         elif recess is not None and not recess.is_through:
             share, how, why = _blind(edges, looks, face, floors[recess.walls])
         elif narrow[face] and (not solid.faces[face].concave or solid.faces[face].kind == "cone"):
-            # a rim in place says nothing of how deep a hole is: no wall of one comes in here
+            # A rim in place does not prove the depth of a hole: walls of holes are excluded here.
             told = _told(edges, looks, own, side)
             why = f"{100 * told:.0f} % of its edges shown in place where a defect would move them"
             if told > GREATER_PART:
@@ -169,12 +169,12 @@ def prove_faces(
 
 
 def _told(edges: PartEdges, looks: Sequence[EdgeLook], own: IndexArray, side: IndexArray) -> float:
-    """Return the share of a face's edges along which the smallest defect would show.
+    """Return the share of a face's edges along which the smallest defect would be visible.
 
     Parameters
     ----------
-    edges, looks : of the part, and at them
-    own, side : (k,) points on the face's edges, and which of the two faces there it is
+    edges, looks : edges of the part, and looks at them
+    own, side : (k,) points on the face's edges, and the face's number among the two adjacent ones
     """
     told = [look.state == State.IN_PLACE for look in looks]
     for look, one in zip(looks, told, strict=True):
@@ -206,7 +206,7 @@ def _prove_floor(
 def _is_open(
     solid: Solid, face: int, recess_of: Mapping[int, Recess], faces: Mapping[int, FaceEdges]
 ) -> bool:
-    """Return True if a cone is no hollow, or if light passes the bore that it leads to."""
+    """Return True if a cone is not hollow, or if light passes through its bore."""
     if not solid.faces[face].concave:
         return True
     sides = solid.boundary.face.reshape(-1, 2)
@@ -222,12 +222,12 @@ def _is_open(
 
 
 def confirmed(looks: Sequence[EdgeLook], in_place: BoolArray) -> BoolArray:
-    """Return a mask (n,) of edge points in place, and not found elsewhere more often.
+    """Return a mask (n,) of edge points found in place at least as often as elsewhere.
 
     Parameters
     ----------
-    looks : k pictures
-    in_place : (k, n) where they show it in place
+    looks : looks at k pictures
+    in_place : (k, n) mask of the points that each shows in place
     """
     elsewhere = np.sum([look.state == State.ELSEWHERE for look in looks], axis=0)
     times = in_place.sum(axis=0)
@@ -237,10 +237,10 @@ def confirmed(looks: Sequence[EdgeLook], in_place: BoolArray) -> BoolArray:
 def _mouths(
     solid: Solid, edges: PartEdges, face: int, recess: Recess | None
 ) -> tuple[list[IndexArray], FloatArray]:
-    """Return the points of each mouth of a wall that light may pass, and the light's direction.
+    """Return the points of each mouth of a wall through which light may pass, and its direction.
 
-    A bore that ends at one side in a countersink, or in another hole, has one plain mouth. Whether
-    light can pass at all is for the pictures to show.
+    A bore that ends in a countersink or in another hole on one side has one plain mouth. The
+    pictures show whether light can pass at all.
     """
     own = np.flatnonzero((edges.faces == face).any(axis=1))
     if recess is not None:
@@ -258,7 +258,7 @@ def _mouths(
 def _by_light(
     edges: PartEdges, looks: Sequence[EdgeLook], mouth: IndexArray, axis: FloatArray, face: int
 ) -> float:
-    """Return the share of a mouth at which light ends, at its edge or at a wall beside it."""
+    """Return the share of a mouth where light ends at its edge, or at a wall beside it."""
     is_wall = edges.faces == face
     light = np.stack([
         (look.state == State.IN_PLACE) & (look.light_through & is_wall).any(axis=1)
@@ -279,13 +279,13 @@ def _blind(
     face: int,
     floor: Floor,
 ) -> tuple[float, str, str]:
-    """Return the share of a wall's mouth shown, the proof if it is enough, the reason if not.
+    """Return the visible share of a wall's mouth, with the proof or the reason against it.
 
     Parameters
     ----------
-    edges, looks : of the part, and at them
-    face : the wall
-    floor : of its hole
+    edges, looks : edges of the part, and looks at them
+    face : id of the wall
+    floor : floor of its hole
     """
     is_wall = edges.faces == face
     mouth = np.flatnonzero(is_wall.any(axis=1) & np.isin(edges.edge, list(floor.recess.mouths[0])))
@@ -312,14 +312,14 @@ def _blind(
 
 
 def _share(edges: PartEdges, points: IndexArray, shown: BoolArray) -> float:
-    """Return the share of the length of some points (k,) at which something is shown (k,)."""
+    """Return the share of the length of some points (k,) for which a mask (k,) is True."""
     length = edges.length_mm[points]
     return float((length * shown).sum() / length.sum())
 
 
 @lru_cache(maxsize=KEPT_PARTS)
 def inner_mm(solid: Solid) -> FloatArray:
-    """Return the radius (f,) of the largest disc on each face, off its edges; inf without any."""
+    """Return the radius (f,) of the largest disc on each face, off its edges; inf without edges."""
     b = solid.boundary
     vertices = np.asarray(solid.mesh.vertices, dtype=np.float64)
     corners = np.asarray(solid.mesh.triangles, dtype=np.float64)

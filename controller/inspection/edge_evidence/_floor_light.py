@@ -1,10 +1,10 @@
-"""Depth of a round blind hole, by the light that a lamp near the camera sends to its floor.
+"""Depth of a round blind hole from the light of a lamp near the camera on its floor.
 
-Seen along its axis a floor shows at the same place however deep it is. But the mouth lets less of a
-ring's light to the border of a floor the deeper that lies: what is lit of it is the overlap of
-discs. So depth is fitted to the grey levels within the mouth, with a gain, since a finish throws
-light back as it likes, and an even light that the walls throw back. The lamp is taken as the cell
-file states it: a ring, or a point.
+Along the axis of a hole, its floor appears at the same place whatever its depth. But the deeper the
+floor, the less of a ring lamp's light passes the mouth to the floor's border: the lit area is an
+overlap of discs. The depth is therefore fitted to the grey levels within the mouth, with a gain for
+the unknown finish and an even light reflected by the walls. The lamp is a ring or a point, as the
+cell file states.
 """
 
 from dataclasses import dataclass
@@ -22,18 +22,20 @@ from ..dimensions import PosedView
 from ._depth import FloorLook
 from ._recesses import Recess
 
-MIN_TILT_COS: Final = 0.9  # cosine of incidence; seen flatter, the wall hides most of the floor
+MIN_TILT_COS: Final = 0.9  # least cosine of incidence; below it the wall hides most of the floor
 FINE: Final = 2  # points per pixel in each direction
 BLUR_PX: Final = 0.8  # blur of a lens in focus; with 0.5 or 1.2 a depth changes by some per cent
-CLEAR_PX: Final = 1.5  # distance from the rim, whose chamfer or burr is no floor
-AROUND_PX: Final = (2.5, 4.5)  # distances from the rim that bound the surface about the mouth
-EVEN: Final = 0.15  # relative scatter of that surface; more is a shadow, an edge or a highlight
+CLEAR_PX: Final = 1.5  # margin at the rim, which may have a chamfer or a burr
+AROUND_PX: Final = (2.5, 4.5)  # range of distances from the rim of the surface about the mouth
+# Largest relative scatter of that surface; more is a shadow, an edge or a highlight.
+EVEN: Final = 0.15
 RING_COUNT: Final = 16  # points that represent a ring lamp
 RING_WIDTHS: Final = (0.9, 1.1)  # inner and outer radius, in radii of the ring
 SHARES: Final = np.array([0.1, 0.25, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.15, 1.4, 1.8, 2.5])
-# Share of the variance within the mouth; less is another light than predicted.
+# Least explained share of the variance within the mouth; below it the light is not as predicted.
 EXPLAINED: Final = 0.8
-GAIN: Final = (0.6, 1.6)  # gain of the floor against the surface about the mouth, of one finish
+# Range of the floor's gain against the surface about the mouth, for one finish.
+GAIN: Final = (0.6, 1.6)
 EVEN_LIGHT: Final = 0.4  # largest light added by walls, as a share of that surface's
 MODEL: Final = 0.07  # standard uncertainty of a depth by the model, as a share of it
 SAME_MM: Final = 0.02
@@ -50,12 +52,12 @@ class BlindBore:
 
 
 def blind_bore(solid: Solid, recess: Recess) -> BlindBore | None:
-    """Return a recess as a round hole with a plane floor, None where it is none.
+    """Return a recess as a round hole with a plane floor; None for any other recess.
 
     Parameters
     ----------
     solid : the part
-    recess : of it
+    recess : recess of the part
     """
     b = solid.boundary
     walls = [solid.faces[wall] for wall in sorted(recess.walls)]
@@ -74,7 +76,7 @@ def blind_bore(solid: Solid, recess: Recess) -> BlindBore | None:
         len(floors) != 1
         or floors[0].kind != "plane"
         or abs(float(floors[0].normal @ recess.axis)) < 1.0 - 1e-4
-        or abs(floors[0].area_mm2 / area - 1.0) > 0.05  # nothing goes on below it
+        or abs(floors[0].area_mm2 / area - 1.0) > 0.05  # the hole continues below it
     ):
         return None
     vertices = np.asarray(solid.mesh.vertices, dtype=np.float64)
@@ -87,14 +89,14 @@ def blind_bore(solid: Solid, recess: Recess) -> BlindBore | None:
 
 
 def rise_by_light(part: PosedPart, bore: BlindBore, view: PosedView, lamp: str) -> FloorLook | None:
-    """Return the height of a floor above nominal by its lit area; None if not shown.
+    """Return the height of a floor above nominal from its lit area; None if undetermined.
 
     Parameters
     ----------
     part : the part
-    bore : of it
-    view : with its pictures, and the part's pose
-    lamp : which picture
+    bore : bore of the part
+    view : view with its pictures, and the part's pose
+    lamp : lamp of the picture
     """
     source = next((one for one in view.task.lamps if one.name == lamp), None)
     if source is None or lamp not in view.pictures.lit:
@@ -115,7 +117,7 @@ def rise_by_light(part: PosedPart, bore: BlindBore, view: PosedView, lamp: str) 
         return None
     if not GAIN[0] <= gain[best] <= GAIN[1] or not -0.1 <= even[best] <= EVEN_LIGHT:
         return None
-    # pixels within the blur tell one thing
+    # Pixels within the blur share one error.
     count = max(int(patch.inside.sum()) / (4.0 * np.pi * BLUR_PX**2), 4.0)
     worse = count * (misfit / misfit[best] - 1.0)
     near = SHARES[worse <= 1.0]
@@ -132,7 +134,7 @@ def rise_by_light(part: PosedPart, bore: BlindBore, view: PosedView, lamp: str) 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Patch:
-    """Grey levels about a mouth: which count, lines of sight in the bore's frame, variance."""
+    """Grey levels about a mouth, with those used, lines of sight in the bore's frame, variance."""
 
     grey: FloatArray
     inside: BoolArray
@@ -146,7 +148,7 @@ class _Patch:
 
 
 def _axes(axis: FloatArray) -> FloatArray:
-    """Return unit vectors (3, 3), rows, the last one an axis."""
+    """Return an orthonormal frame (3, 3), in rows, whose last vector is a given axis."""
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = np.cross(axis, helper)
     first /= np.linalg.norm(first)
@@ -177,7 +179,7 @@ def _patch(
     axes: FloatArray,
     picture: Grey,
 ) -> _Patch | None:
-    """Return the pixels about a mouth; None where they are few, not in sight or unevenly lit."""
+    """Return the pixels about a mouth; None if they are few, hidden or unevenly lit."""
     camera: Camera = view.task.camera
     T = view.T_world_part
     centre = transform(T, bore.mouth_mm[None])
@@ -212,7 +214,7 @@ def _patch(
 def _is_open(
     part: PosedPart, view: PosedView, bore: BlindBore, axes: FloatArray, sources: FloatArray
 ) -> bool:
-    """Return True if nothing stands between the mouth and the lamp, or the camera."""
+    """Return True if nothing lies between the mouth and the lamp, or the camera."""
     eye = (
         transform(inverse_pose(view.T_world_part), view.task.camera.position_mm[None])[0]
         - bore.mouth_mm
@@ -236,13 +238,13 @@ def _is_open(
 def _fit(
     patch: _Patch, sources: FloatArray, radius_mm: float, depth_mm: float
 ) -> tuple[float, float, float]:
-    """Return mean square misfit of a depth [grey²], and gain and even light against the surface.
+    """Return a depth's mean square misfit [grey²], with its gain and even light.
 
     Parameters
     ----------
-    patch : what is seen
+    patch : grey levels about the mouth
     sources : (n, 3) points of the lamp, bore's frame
-    radius_mm, depth_mm : of the hole
+    radius_mm, depth_mm : radius and depth of the hole
     """
     size = len(patch.grey)
     light = _light(patch.eye, patch.lines, sources, radius_mm, depth_mm)
@@ -258,13 +260,13 @@ def _fit(
 def _light(
     eye: FloatArray, lines: FloatArray, sources: FloatArray, radius_mm: float, depth_mm: float
 ) -> FloatArray:
-    """Return the light (n,) on the points met by lines of sight, 1 on the surface about the mouth.
+    """Return the light (n,) where lines of sight end; 1 on the surface about the mouth.
 
     Parameters
     ----------
-    eye, lines : (3,), (n, 3) of the camera, bore's frame: its mouth at 0, its axis up
+    eye, lines : (3,) camera and (n, 3) its lines of sight, bore's frame: mouth at 0, axis up
     sources : (m, 3) points of the lamp
-    radius_mm, depth_mm : of the hole
+    radius_mm, depth_mm : radius and depth of the hole
     """
     way = lines / -lines[:, 2:]
     mouth = eye + eye[2] * way
@@ -293,7 +295,7 @@ def _light(
 
 
 def _vertex(shares: FloatArray, worse: FloatArray) -> tuple[float, float]:
-    """Return the minimum of a parabola through three points, and its distance to a rise by one."""
+    """Return the minimum of a parabola through three points, and the step for a rise by one."""
     a, b, _ = np.polyfit(shares, worse, 2)
     if a <= 0:
         return float(shares[1]), float(np.ptp(shares))

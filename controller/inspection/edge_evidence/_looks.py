@@ -1,4 +1,4 @@
-"""Every edge of a part in one view's pictures: in place, elsewhere, or absent."""
+"""Search for every edge of a part in a view's pictures: in place, elsewhere, or absent."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,18 +26,20 @@ from ..dimensions import (
 )
 from ._edges import PartEdges
 
-BEYOND_PX: Final = 2.5  # least reach of the search for an edge to either side
-K: Final = 3.0  # in standard deviations of an edge's error
-FORM_PX: Final = 0.25  # difference of neighbours beyond noise: broken edges, light
-BESIDE: Final = 3  # neighbours to either side that are compared
-MIN_AGREE: Final = 0.5  # least share of the neighbours that must agree
-END_ON: Final = 0.3  # least share of its length that an edge must show; with less it is seen end-on
-# Share of a step along a wall's normal that must show beside light through a hole.
+BEYOND_PX: Final = 2.5  # least reach of the search to either side of an edge
+K: Final = 3.0  # largest error of an edge, in standard deviations
+# Difference allowed between neighbours beyond noise, for broken edges and light.
+FORM_PX: Final = 0.25
+BESIDE: Final = 3  # number of neighbours compared on either side
+MIN_AGREE: Final = 0.5  # least share of neighbours that must agree
+# Least share of an edge's length visible in the picture; below it the edge is seen end-on.
+END_ON: Final = 0.3
+# Least visible share of a step along a wall's normal beside light through a hole.
 OWN_WALL: Final = 0.5
 
 
 class State(IntEnum):
-    """State of a point of an edge in a picture."""
+    """State of an edge point in a picture."""
 
     HIDDEN = 0
     IN_PLACE = 1
@@ -51,19 +53,19 @@ class EdgeLook:
 
     Attributes
     ----------
-    view_id, lamp : which picture
+    view_id, lamp : view and lamp of the picture
     state : (n,) `State` of each point
-    offset_px : (n,) where the edge is along its ray, out of the material; nan where none was found
+    offset_px : (n,) place of the edge along its ray, out of the material; nan where none was found
     sigma_px : (n,) its standard error
-    contrast : (n,) how much brighter it gets along the ray [grey]
-    limit_px : (n,) how far a good part's may be
-    is_sensitive : (n, 2) the edge moved along either face by the smallest defect would be elsewhere
-    faces_camera : (n, 2) either face is turned to the camera
-    light_through : (n, 2) the panel shows on the side that either face is turned to
-    may_glare : (n,) a wall beside it, seen flat, may throw the panel's light back
-    pixels, normals : (n, 2) of the rays
-    across : (n, 3) how far the edge moves along its ray, CAD frame [px/mm]
-    may_shade : (n,) the gripper may keep some of the lamp's light away, or end its shadow there
+    contrast : (n,) rise of brightness along the ray [grey]
+    limit_px : (n,) largest offset of a good part
+    is_sensitive : (n, 2) True where the smallest defect in either face would move the edge away
+    faces_camera : (n, 2) True where either face is turned to the camera
+    light_through : (n, 2) True where the panel is visible on the side that either face is turned to
+    may_glare : (n,) True where a wall at a grazing angle may reflect the panel's light
+    pixels, normals : (n, 2) origins and directions of the rays
+    across : (n, 3) derivative of the offset by the edge's displacement, CAD frame [px/mm]
+    may_shade : (n,) True where the gripper may block some of the light, or its shadow may end
     """
 
     view_id: str
@@ -83,11 +85,11 @@ class EdgeLook:
     may_shade: BoolArray
 
     def pixel_mm(self, points: IndexArray) -> float:
-        """Return the size of a pixel at some points (k,) of edges."""
+        """Return the pixel size at some points (k,) of edges."""
         return 1.0 / float(np.linalg.norm(self.across[points], axis=1).max())
 
     def only(self, points: BoolArray) -> "EdgeLook":
-        """Return the look with some of its points (n,), the others hidden."""
+        """Return the look with only some of its points (n,); the others are hidden."""
         return replace(self, state=np.where(points, self.state, State.HIDDEN).astype(np.int8))
 
 
@@ -100,17 +102,17 @@ def look_at_edges(
     smallest_mm: float,
     settings: MeasuringSettings,
 ) -> list[EdgeLook]:
-    """Return the places where a view's pictures show the edges of a part.
+    """Return the edges of a part in each of a view's pictures.
 
     Parameters
     ----------
     part : the part
-    edges : of it
-    view : with its pictures, and the part's pose
-    lamps : the pictures that count, `BACKLIT` or a lamp
-    allowed_mm : (f, 2) how far each face of a good part may be grown and moved
-    smallest_mm : the smallest defect
-    settings : what is uncertain before any picture
+    edges : edges of the part
+    view : view with its pictures, and the part's pose
+    lamps : lamps of the pictures that count, including `BACKLIT`
+    allowed_mm : (f, 2) largest growth and shift of each face of a good part
+    smallest_mm : size of the smallest defect
+    settings : prior uncertainties
     """
     camera, T = view.task.camera, view.T_world_part
     scene = view.scene if view.scene is not None else make_scene(view.task)
@@ -118,8 +120,8 @@ def look_at_edges(
     rays = with_visibility(rays, edges.curves, part, T, camera, scene)
     pivot = transform(T, part.solid.centroid_mm[None])[0]
     rays = with_rotation(rays, T, pivot)
-    across = rays.pose[:, :3] @ T[:3, :3]  # how far the edge moves along the ray, CAD frame
-    # an edge seen end-on has no direction
+    across = rays.pose[:, :3] @ T[:3, :3]  # derivative of the offset by displacement, CAD frame
+    # An edge seen end-on has no direction.
     length_px = rays.spacing_px
     full_px = edges.length_mm / camera.mm_per_px(pivot)
     is_long = length_px >= END_ON * full_px
@@ -156,7 +158,7 @@ def look_at_edges(
 
 
 def _gripper_about(task: ViewTask, margin_mm: float) -> RayCaster | None:
-    """Return the gripper as large as it may be, in the world; None where nothing holds the part."""
+    """Return the gripper enlarged by a margin, world; None where nothing holds the part."""
     if not task.holder:
         return None
     return RayCaster(box_mesh(tuple(WorldBox(b.T, b.half_mm + margin_mm) for b in task.holder)))
@@ -165,19 +167,19 @@ def _gripper_about(task: ViewTask, margin_mm: float) -> RayCaster | None:
 def _in_gripper_shadow(
     edges: PartEdges, view: PosedView, lamp: str, gripper: RayCaster | None
 ) -> BoolArray:
-    """Return a mask (n,) of edge points on which a gripper may shade some of a lamp's light."""
+    """Return a mask (n,) of edge points where a gripper may block some of a lamp's light."""
     out = np.zeros(len(edges.points_mm), dtype=bool)
     if lamp == BACKLIT or gripper is None:
         return out
     points = transform(view.T_world_part, edges.points_mm)
     for source in lamp_points(next(one for one in view.task.lamps if one.name == lamp)):
-        # what stands behind the lamp takes none of its light
+        # Objects behind the lamp block none of its light.
         out |= gripper.blocked(points, source - points, 1.0)
     return out
 
 
 def _play(edges: PartEdges, across: FloatArray, allowed_mm: FloatArray) -> FloatArray:
-    """Return the allowed offsets of a good part's edges along their rays (n,) [px]."""
+    """Return the largest offsets (n,) of a good part's edges along their rays [px]."""
     grown, moved = allowed_mm[edges.faces, 0], allowed_mm[edges.faces, 1]
     by = np.abs(np.einsum("nj,nkj->nk", across, edges.normals))
     size = np.linalg.norm(across, axis=1)[:, None]
@@ -193,7 +195,7 @@ def _measured(
     is_backlit: bool,
     settings: MeasuringSettings,
 ) -> tuple[NDArray[np.int8], FloatArray, FloatArray, FloatArray]:
-    """Return each point's (n,) state, step position, standard error and contrast."""
+    """Return the state, step position, standard error and contrast of each point, (n,) each."""
     count = len(shows)
     state = np.zeros(count, dtype=np.int8)
     offset, sigma, contrast = np.full(count, np.nan), np.full(count, np.inf), np.zeros(count)
@@ -230,7 +232,7 @@ def _measured(
 def _agree(
     place: FloatArray, found: EdgeFits, edge: NDArray[np.intp], index: NDArray[np.intp]
 ) -> BoolArray:
-    """Return a mask (n,) of found edges that continue in their neighbours, as texture does not."""
+    """Return a mask (n,) of found edges that continue in their neighbours, unlike texture."""
     count = len(place)
     agree = np.zeros(count)
     known = np.zeros(count)

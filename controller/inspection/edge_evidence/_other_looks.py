@@ -1,8 +1,8 @@
-"""Other looks at an edge that had to show damage, and do not.
+"""Refutation of damage by other looks that had to show it and do not.
 
-Material that is missing or too much is there in every view; the border of a shadow, a highlight
-and light from a neighbour are not. A look counts where it had to show the damage, whatever the
-light: an outline, which moves with the material alone (ADR 79).
+Missing or extra material is present in every view; the border of a shadow, a highlight and light
+from a neighbour are not. A look counts where it had to show the damage under any light: an outline,
+which moves only with the material (ADR 79).
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,8 +19,9 @@ from ._displaced import MIN_POINTS, Course, Displaced, course_of, known_points, 
 from ._edges import PartEdges
 from ._looks import EdgeLook
 
-SIGMAS: Final = 3.0  # in standard deviations, from full damage to half of it, and from half to none
-VIEW_COUNT: Final = 2  # views that each had to show the damage, and do not
+# Distance between full and half damage, and between half and none, in standard deviations.
+SIGMAS: Final = 3.0
+VIEW_COUNT: Final = 2  # number of views that had to show the damage and do not
 
 
 def refuted(
@@ -32,17 +33,17 @@ def refuted(
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> list[bool]:
-    """Return a mask of the runs that two other views had to show, but show the edge on its course.
+    """Return a mask of runs refuted by two other views, which show the edge on its course.
 
     Parameters
     ----------
-    edges : of the part
-    runs : of edges off their course
-    looks : all pictures that count
+    edges : edges of the part
+    runs : runs of edges off their course
+    looks : looks at all pictures that count
     T_world_part : (4, 4) by view id
-    pixel_mm : size of a pixel at the part
-    allowances : of unevenness
-    settings : how far light moves an edge
+    pixel_mm : pixel size at the part
+    allowances : allowed unevenness
+    settings : uncertainties from light
     """
     return [
         len(
@@ -59,7 +60,7 @@ def refuted(
 
 
 def _is_clear(edges: PartEdges, run: Displaced, look: EdgeLook, wave_px: float) -> bool:
-    """Return True if a look had to show a run, and shows the edge on its course there."""
+    """Return True if a look had to show a run but shows the edge on its course there."""
     is_outline = look.faces_camera[run.points].sum(axis=1) == 1
     is_known = known_points(look)
     if not (is_outline & is_known[run.points]).all():
@@ -79,14 +80,14 @@ def _is_clear(edges: PartEdges, run: Displaced, look: EdgeLook, wave_px: float) 
 def _expected_px(edges: PartEdges, run: Displaced, look: EdgeLook) -> float:
     """Return the mean offset of a look's outline along a run [px].
 
-    A broken edge ends on either face as far from the edge as it is deep, or farther; the outline
-    goes through the end that is farther out.
+    A break ends on either face at least as far from the edge as it is deep; the outline passes
+    through the outer end.
     """
     ends = np.abs(np.einsum("nj,nkj->nk", look.across[run.points], edges.into[run.points]))
     return run.mean_mm * float(ends.min(axis=1).mean())
 
 
 def _sigma_px(course: Course, look: EdgeLook, points: IndexArray) -> float:
-    """Return the standard deviation of the mean of some points (k,) of an edge."""
+    """Return the standard deviation of the mean offset of some points (k,) of an edge [px]."""
     test = RunTest(course.noise_px(look, points), course.wave_px)
     return float(test.sigma_px(np.array([len(points) * course.step_px]))[0])

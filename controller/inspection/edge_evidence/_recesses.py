@@ -1,4 +1,4 @@
-"""Holes, slots and pockets by their mouths, walls and floors; without sizes or kinds."""
+"""Holes, slots and pockets as mouths, walls and floors, without sizes or kinds."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,15 @@ from controller.cad import Boundary, Crease, Solid
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Recess:
-    """Walls about a hollow, from mouth to mouth or from mouth to floor.
+    """Walls of a hollow, from mouth to mouth or from mouth to floor.
 
     Attributes
     ----------
     walls : ids of its faces
-    mouths : edges in which it opens, one set for each end; a blind one has one
-    floor : edges in which its walls end at the bottom; none of a through one
+    mouths : edges of its openings, one set for each end; a blind recess has one
+    floor : edges of its walls at the bottom; empty for a through recess
     axis : (3,) unit, CAD frame, out of the first mouth
-    depth_mm : between both mouths, or from mouth to floor
+    depth_mm : distance between both mouths, or from mouth to floor
     """
 
     walls: frozenset[int]
@@ -33,7 +33,7 @@ class Recess:
         return len(self.mouths) == 2
 
     def bottom(self, solid: Solid) -> frozenset[int]:
-        """Return the ids of the faces that its walls end at, those of its part."""
+        """Return the ids of the faces at which its walls end."""
         b = solid.boundary
         around = (int(f) for edge in self.floor for f in b.face[2 * edge : 2 * edge + 2])
         return frozenset(around) - self.walls
@@ -65,7 +65,7 @@ def find_recesses(solid: Solid) -> tuple[Recess, ...]:
 
 
 def _walls(solid: Solid, b: Boundary, loop: int) -> frozenset[int]:
-    """Return the faces that lead into the material from a loop, none where it is no mouth."""
+    """Return the faces that lead into the material from a loop; none if it is no mouth."""
     around = list(b.loop_edges(loop))
     if any(b.crease[h // 2] != Crease.CONVEX for h in around):
         return frozenset()
@@ -80,7 +80,7 @@ def _walls(solid: Solid, b: Boundary, loop: int) -> frozenset[int]:
 
 
 def _ends(b: Boundary, walls: frozenset[int]) -> frozenset[int]:
-    """Return the edges in which walls end, not those between two of them."""
+    """Return the edges at the ends of walls, without those between two walls."""
     sides = b.face.reshape(-1, 2)
     is_wall = np.isin(sides, list(walls))
     return frozenset(np.flatnonzero(is_wall.sum(axis=1) == 1).tolist())
@@ -100,7 +100,7 @@ def _recess(
 
 
 def _middle(solid: Solid, edges: frozenset[int]) -> FloatArray:
-    """Return the middle of edges (3,), weighted by their length."""
+    """Return the mean position (3,) of edges, weighted by length."""
     b = solid.boundary
     vertices = np.asarray(solid.mesh.vertices, dtype=np.float64)
     total, weight = np.zeros(3), 0.0

@@ -1,10 +1,10 @@
-"""Search for a blind hole's floor at other depths, where no picture shows it at its own.
+"""Search for a blind hole's floor at other depths, if no picture shows it at its nominal one.
 
-The search about an edge's place ends a few pixels off, and a floor that is farther off shows
-nothing there, or another edge. So the part is drawn with its floor raised and lowered, and the
-floor's edges are looked for where they would be then: what hides them is as it would be, too. One
-picture may show the border of a shadow in their place. It does not move with the depth from view to
-view as a floor does, so two views have to agree.
+The search about an edge reaches a few pixels, where a floor farther off shows nothing or another
+edge. The part is therefore modelled with its floor raised and lowered, and the floor's edges are
+sought at their predicted places, with the matching visibility. One picture may show the border of a
+shadow there. Unlike a floor, it does not move consistently with depth from view to view, so two
+views must agree.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -24,9 +24,9 @@ from ._edges import PartEdges
 from ._looks import BEYOND_PX, EdgeLook, K
 from ._recesses import Recess
 
-MIN_VIEWS: Final = 2  # views that have to agree on a depth
+MIN_VIEWS: Final = 2  # least number of views that must agree on a depth
 DEEPEST: Final = 1.0  # largest depth searched below nominal, in nominal depths
-MAX_COUNT: Final = 40  # depths tried; a deeper hole is searched at fewer places
+MAX_COUNT: Final = 40  # largest number of depths tried; deep holes are searched more coarsely
 
 
 def look_at_other_depths(
@@ -38,17 +38,17 @@ def look_at_other_depths(
     settings: MeasuringSettings,
     pixel_mm: float,
 ) -> tuple[FloorLook, ...]:
-    """Return the pictures that agree on another depth of a floor; none where they do not.
+    """Return the looks that agree on another depth of a floor; none if they do not.
 
     Parameters
     ----------
     solid : the part
     edges : of it
-    looks : at them, where they must be
-    recess : a blind one
-    look_at : looks at edges of a part in the same pictures
-    settings : how far light moves an edge
-    pixel_mm : size of a pixel at the part
+    looks : looks at them at their nominal places
+    recess : a blind recess
+    look_at : function that looks at edges of a part in the same pictures
+    settings : uncertainties from light
+    pixel_mm : pixel size at the part
     """
     at_place = {(look.view_id, look.lamp): look for look in looks}
     found: list[FloorLook] = []
@@ -64,7 +64,7 @@ def look_at_other_depths(
 
 
 def _depths(recess: Recess, pixel_mm: float) -> Iterator[float]:
-    """Yield the heights [mm] by which the floor is raised, close enough to miss no depth."""
+    """Yield the heights [mm] to which the floor is raised, close enough to miss no depth."""
     low, high = -DEEPEST * recess.depth_mm, recess.depth_mm
     count = int(np.clip(np.ceil((high - low) / (2 * BEYOND_PX * pixel_mm)), 2, MAX_COUNT))
     step = (high - low) / count
@@ -72,7 +72,7 @@ def _depths(recess: Recess, pixel_mm: float) -> Iterator[float]:
 
 
 def _with_floor_moved(solid: Solid, recess: Recess, by_mm: FloatArray) -> Solid:
-    """Return the part with a floor elsewhere, its walls reaching it."""
+    """Return the part with a moved floor and its walls extended to it."""
     vertices = np.array(solid.mesh.vertices, dtype=np.float64)
     bottom = np.isin(solid.face_of_triangle, sorted(recess.bottom(solid)))
     vertices[np.unique(solid.mesh.faces[bottom])] += by_mm
@@ -80,7 +80,7 @@ def _with_floor_moved(solid: Solid, recess: Recess, by_mm: FloatArray) -> Solid:
 
 
 def _agreed(found: Sequence[FloorLook]) -> tuple[FloorLook, ...]:
-    """Return the looks at the depth on which most views agree, the surest of each picture."""
+    """Return the looks at the depth on which most views agree, the surest for each picture."""
     surest_last = sorted(found, key=lambda one: -one.u_mm)
     groups: list[tuple[FloorLook, ...]] = []
     for centre in found:

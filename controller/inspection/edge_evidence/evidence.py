@@ -1,4 +1,4 @@
-"""Evidence of a part's edges on its faces, from all pictures in which they show (ADR 34)."""
+"""Evidence on a part's faces from its edges in all pictures that show them (ADR 34)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,24 +29,26 @@ from ._other_looks import refuted
 from ._recesses import Recess, find_recesses
 from ._rival_depths import look_at_other_depths
 
-EDGE_PLAY_MM: Final = 0.3  # width beside an edge, which may be broken, where no surface is compared
-BLUR_PX: Final = 2.0  # width of the blur of lens and filters, where nothing is compared either
-MIN_COS: Final = 0.5  # cosine; a face seen only flatter is not shown, which does not make it narrow
-GRAINS: Final = 2.0  # in sizes of dust; a longer thing is no dust
-SEEN_COS: Final = 0.26  # cosine; a sample seen flatter is not evaluated, as in `_scene`
+# Margin beside an edge, which may be broken, in which no surface is compared.
+EDGE_PLAY_MM: Final = 0.3
+BLUR_PX: Final = 2.0  # further margin for the blur of lens and filters
+# Least cosine of incidence at which a face counts as shown when its width is judged.
+MIN_COS: Final = 0.5
+GRAINS: Final = 2.0  # length, in sizes of dust, above which a run is no dust
+SEEN_COS: Final = 0.26  # least cosine of incidence of an evaluated sample, as in `_scene`
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class EdgeEvidence:
-    """All edges in all pictures that count, and their evidence.
+    """All edges in all pictures that count, with their evidence.
 
     Attributes
     ----------
-    edges : of the part; None where it has none
-    looks : picture by picture
-    faces : by face id
-    findings : by view id, floors and edges elsewhere or nowhere, chips and burrs
-    missing : edges that must show, and do in no picture
+    edges : edges of the part; None where it has none
+    looks : looks at the edges, picture by picture
+    faces : evidence by face id
+    findings : findings by view id: floors and edges out of place or missing, chips and burrs
+    missing : edges that must be visible but are found in no picture
     """
 
     edges: PartEdges | None
@@ -62,9 +64,9 @@ class EdgeView:
 
     Attributes
     ----------
-    view : with its pictures, and the part's pose
-    lamps : which pictures passed their self-checks, `BACKLIT` or a lamp
-    counted : (s,) surface samples that the view counts for; None for all
+    view : view with its pictures, and the part's pose
+    lamps : lamps whose pictures passed their self-checks, including `BACKLIT`
+    counted : (s,) mask of the surface samples for which the view counts; None for all
     """
 
     view: PosedView
@@ -81,16 +83,16 @@ def find_evidence(
     settings: MeasuringSettings,
     kept: Kept | None = None,
 ) -> EdgeEvidence:
-    """Return the evidence of a part's edges on its faces, and the damage to the edges.
+    """Return the evidence on a part's faces from its edges, and the damage to the edges.
 
     Parameters
     ----------
     part, samples : the CAD model and its surface samples
-    views : that were evaluated
-    limits : of findings
-    allowances : what a good part may show
-    settings : what is uncertain before any picture
-    kept : what of it was worked out before; None for nothing
+    views : evaluated views
+    limits : limits of findings
+    allowances : allowed deviations of a good part
+    settings : prior uncertainties
+    kept : results computed before; None for none
     """
     kept = kept or Kept()
     edges = _kept_edges(part, views, kept)
@@ -102,7 +104,7 @@ def find_evidence(
     for one in views:
         found = _kept_looks(part, edges, one, limits, allowances, settings, kept)
         if one.counted is not None:
-            # points beside which the view does not count are hidden
+            # Points beside samples for which the view does not count are hidden.
             if nearest is None:
                 found_at = cKDTree(samples.points_mm).query(edges.points_mm)[1]
                 nearest = np.asarray(found_at, np.intp)
@@ -150,14 +152,14 @@ def look_ahead(
     settings: MeasuringSettings,
     kept: Kept,
 ) -> Iterator[None]:
-    """Find the edges of views in advance for `find_evidence`, unless a closer view may follow.
+    """Search views for edges in advance for `find_evidence`, unless a closer view may follow.
 
     Yields after each view.
 
     Parameters
     ----------
     part, views, limits, allowances, settings : see `find_evidence`
-    kept : gets the looks
+    kept : store for the looks
     """
     edges = _kept_edges(part, views, kept)
     for one in views if edges is not None else ():
@@ -167,12 +169,12 @@ def look_ahead(
 
 
 def _pixel_mm(views: Sequence[EdgeView]) -> float:
-    """Return the size of a pixel at the part in the closest view."""
+    """Return the pixel size at the part in the closest view."""
     return min(v.view.task.camera.mm_per_px(v.view.T_world_part[:3, 3]) for v in views)
 
 
 def _kept_edges(part: PosedPart, views: Sequence[EdgeView], kept: Kept) -> PartEdges | None:
-    """Return the edges of a part as densely as the closest view shows them; None without any."""
+    """Return the edges of a part at the density of the closest view; None without edges."""
     if not views:
         return None
     pixel_mm = _pixel_mm(views)
@@ -206,14 +208,14 @@ def _floors(
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> dict[frozenset[int], Floor]:
-    """Return the floors that pictures show, by the walls of blind holes.
+    """Return the visible floors of blind holes, by their walls.
 
     Parameters
     ----------
     part : the CAD model
-    recesses, edges : of it
-    looks : at them
-    views : with the pictures that count
+    recesses, edges : recesses and edges of the part
+    looks : looks at the edges
+    views : views with the pictures that count
     limits, allowances, settings : see `find_evidence`
     """
     pixel_mm = _pixel_mm(views)
@@ -248,7 +250,7 @@ def _floors(
 
 
 def _best_cosine(solid: Solid, samples: SurfaceSamples, views: Sequence[EdgeView]) -> FloatArray:
-    """Return the best cosine of incidence over all views at each face's middle (f,)."""
+    """Return the largest cosine of incidence over all views at each face's middle (f,)."""
     out = np.zeros(len(solid.faces))
     for one in views:
         T = one.view.T_world_part

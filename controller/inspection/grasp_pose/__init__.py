@@ -1,7 +1,7 @@
-"""Pose of a held part: one for each grasp, from the outlines of all its views together.
+"""Pose of a held part: one per grasp, from the outlines of all its views together.
 
-What a part's size or form is off by stays in the residuals: a pose has six freedoms, faces have
-their own, small ones, and neither scale nor thickness is among them.
+Deviations of a part's size or form remain in the residuals: a pose has six degrees of freedom, and
+faces have small ones of their own, but neither includes scale or thickness.
 """
 
 from ._backlit import Backlit, backlit_outline, chord_px

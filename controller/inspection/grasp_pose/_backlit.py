@@ -1,4 +1,4 @@
-"""The outline in a picture before the backlight panel, and the uncertainty of its points."""
+"""Outline in a picture before the backlight panel, and the uncertainty of its points."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -21,27 +21,29 @@ from controller.recognition.fitting import OutlineMeasure
 from .._connected import grow
 from .._scene import ViewScene
 
-REDUCED: Final = 4  # reduction of the picture for the panel's own light, which changes slowly
-BESIDE_PX: Final = 8  # width beside a part in which blur and light hide the panel's level
-SATURATED: Final = 256  # a level that none exceeds: a burnt out panel is refused before
-UNEVEN: Final = 0.3  # loss of a panel's light at its rim, as a share
-HALF: Final = 0.5  # an edge is where the light is half-way between part and panel
-INTERPOLATED: Final = 0.82  # noise between two pixels as a share of a pixel's, on the average
+# Reduction of the picture for the panel's own light, which changes slowly.
+REDUCED: Final = 4
+BESIDE_PX: Final = 8  # margin beside a part in which blur and light disturb the panel's level
+# Level that no pixel exceeds; pictures with a burnt-out panel are refused earlier.
+SATURATED: Final = 256
+UNEVEN: Final = 0.3  # largest loss of a panel's light at its rim, as a share
+HALF: Final = 0.5  # level of an edge, half-way between part and panel
+INTERPOLATED: Final = 0.82  # mean noise between two pixels, as a share of a pixel's noise
 NOTHING_SEEN: Final = Contour(np.zeros((0, 2)), np.zeros((0, 2)))
 PHASES: Final = np.linspace(0.0, 1.0, 101)  # positions of an edge between two pixels
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Backlit:
-    """A picture before the panel, relative to the panel's own light.
+    """A picture before the panel, normalised by the panel's own light.
 
     Attributes
     ----------
-    share : (height, width) 0 as dark as the part, 1 as bright as the panel there
-    outline : of what is darker than half
-    noise_px : standard deviation of one of its points, from the picture's noise and the edges'
-        steepness
-    judged : (height, width) the panel is in sight there, and neither gripper nor arm stands near
+    share : (height, width) 0 for the level of the part, 1 for that of the panel there
+    outline : outline of the area darker than half
+    noise_px : standard deviation of one of its points, from the picture's noise and the slope of
+        the edges
+    judged : (height, width) mask of the visible panel, away from gripper and arm
     width_px : standard deviation of the edges' blur
     """
 
@@ -55,16 +57,16 @@ class Backlit:
 def backlit_outline(
     picture: Grey, scene: ViewScene, levels: tuple[float, float, float] | None = None
 ) -> Backlit:
-    """Return the part's outline in a picture before the panel, and where it may be judged.
+    """Return the part's outline in a picture before the panel, and the area where it is valid.
 
-    A panel is darker at its rim and a lens towards its corners: one level for all would shift
-    edges by a twentieth of a pixel.
+    A panel is darker at its rim, and a lens towards its corners; a single level would shift edges
+    by a twentieth of a pixel.
 
     Parameters
     ----------
     picture : (height, width)
-    scene : what stands in the view
-    levels : its `threshold_levels` within the panel; None to find them
+    scene : scene of the view
+    levels : its `threshold_levels` within the panel; None to compute them
     """
     low, level, high = levels or threshold_levels(picture, scene.panel)
     height, width = picture.shape
@@ -75,7 +77,7 @@ def backlit_outline(
     ground = fit_ground(
         np.asarray(reduced, np.uint8), usable, REDUCED, (width, height), SATURATED, UNEVEN
     )
-    # where there is no part, or no panel, all is panel
+    # Without a part, or without a panel, everything counts as panel.
     least = low + max(0.5 * (high - low), 1.0)
     panel = np.maximum(ground.over((0, 0, width, height)), least)
     share = ((picture.astype(np.float32) - low) / (panel - low)).astype(np.float32)
@@ -89,14 +91,14 @@ def backlit_outline(
 
 
 def chord_px(slope: float) -> float:
-    """Return the rms error of the half level of a blurred edge that is taken for a line [px].
+    """Return the rms error of a blurred edge's half level by linear interpolation [px].
 
-    Between two pixels an edge rises like an error function; its half level is looked for on their
+    Between two pixels an edge rises like an error function, but its half level is found on their
     chord.
 
     Parameters
     ----------
-    slope : of the edge there, share of its height a pixel, at its steepest
+    slope : largest slope of the edge, as a share of its height per pixel
     """
     sigma = _blur_px(slope)
     before, after = ndtr(-PHASES / sigma), ndtr((1.0 - PHASES) / sigma)
@@ -109,7 +111,7 @@ def _blur_px(slope: float) -> float:
 
 
 def _steepness(share: Float32Array, outline: OutlineMeasure) -> float:
-    """Return the median slope of edges [1 / px], a sharp edge's where there are none."""
+    """Return the median slope of edges [1 / px]; without edges, that of a sharp one."""
     if len(outline.points) == 0:
         return 1.0
     ahead, behind = (

@@ -1,15 +1,14 @@
-"""One pose for all views of a grasp: Gauss-Newton on their outlines, with the kinematics' prior.
+"""Joint pose of all views of a grasp: Gauss-Newton on outlines, with a prior from kinematics.
 
-The part sits in the jaws somewhere near where it should, the same in all views; the arm is off by a
-little more in each. The faces of the part may be off by a little as well: each has freedoms of its
-own, with a prior of a good part's size, which lets go of a face that is plainly out of place. So a
-wrong dimension does not draw the pose, and stays to be seen.
+The part lies near its expected place in the jaws, the same in all views; the arm adds a small error
+in each. The faces of the part may deviate slightly too: each has degrees of freedom of its own,
+with a prior of a good part's deviations, which releases a face that is plainly out of place. A
+wrong dimension thus does not bias the pose, and remains visible.
 
-Two things that would pass for a part nearer to the camera have freedoms too, so that they do not:
-a part that is larger or smaller as a whole, as a good one may be, and light that eats into all of a
-view's outline. The normal equations are small: six unknowns for the grasp, seven for each view,
-four for each face, three for size. What light does to one edge as a whole is taken out of them edge
-by edge.
+Two effects that look like a change of distance have degrees of freedom too: the overall size of the
+part, within a good part's deviations, and light that erodes a view's whole outline. The normal
+equations are small: six unknowns for the grasp, seven for each view, four for each face, three for
+size. The effect of light on one edge as a whole is eliminated edge by edge.
 """
 
 from collections.abc import Sequence
@@ -27,38 +26,40 @@ from .._pose import PosedPart
 from ._rims import FREEDOMS, Rims, find_rims
 from ._types import FaceShift, GraspPose, OutlineView, PoseSettings, ViewPose
 
-# Largest offset of the outline, one step each: the visible faces change while a held part tilts.
+# Largest offset of the outline in each coarse step; the visible faces change as the part tilts.
 REACH_PX: Final = (25.0, 18.0, 12.5, 9.0, 7.0, 6.0)
-COARSE_COUNT: Final = 400  # outline points of a view in these steps
-# Noise assumed of an outline point in these steps, to weigh views against the prior.
+COARSE_COUNT: Final = 400  # number of outline points per view in these steps
+# Assumed noise of an outline point in these steps, to weight views against the prior.
 COARSE_PX: Final = 0.4
 # Fine rounds: limit for outliers in shares of `LOOSE`, and whether faces are free.
 ROUNDS: Final = ((4.0, False), (2.0, True), (1.0, True))
-STEPS: Final = 3  # steps of each round
-TAIL: Final = 4.0  # degrees of freedom of Student's distribution: faces of good and bad parts
-LOOSE: Final = 3.0  # standard deviations beyond which a point belongs to something else
+STEPS: Final = 3  # number of steps in each round
+TAIL: Final = 4.0  # degrees of freedom of Student's distribution for faces of good and bad parts
+LOOSE: Final = 3.0  # limit for outliers, in standard deviations
 COMPARED_PX: Final = 6.25  # reach of the search for the observed outline round the fitted one
-CORRELATED_PX: Final = 3.0  # distance along an edge within which blur and pixels err together
+# Distance along an edge within which errors from blur and pixels are correlated.
+CORRELATED_PX: Final = 3.0
 ALONG_MM: Final = 3.0  # distance along an edge within which light and form hardly change
 BENT: Final = 0.1  # share of a face's shift that a curved outline hides from straight lines
 ALONG_SHARE: Final = 1 / 3  # effect along an edge as a share of the effect on the edge as a whole
 PAIRED_PX: Final = 2.0  # distance below which a point of the outline counts as found
 MAX_CYCLES: Final = 4
-MISSED_SHARE: Final = 0.4  # largest missing share of the outline; a wrong part or place leaves more
+# Largest missing share of the outline; with a wrong part or place, more is missing.
+MISSED_SHARE: Final = 0.4
 MIN_POINTS: Final = 20  # least number of points of an outline, observed or predicted
-SPLIT_RAD: Final = 0.5  # sector of a curved edge: the effect of light changes along it
+SPLIT_RAD: Final = 0.5  # sector of a curved edge, along which the effect of light changes
 
 
 def fit_grasp(
     part: PosedPart, views: Sequence[OutlineView], settings: PoseSettings | None = None
 ) -> GraspPose | None:
-    """Return the pose of a part in the jaws, None where no view shows an outline near it.
+    """Return the pose of a part in the jaws; None if no view shows an outline near it.
 
     Parameters
     ----------
     part : the part
-    views : all of one grasp, one at least
-    settings : what is known of arm, parts and light; None for the usual
+    views : one or more views of one grasp
+    settings : prior knowledge of arm, parts and light; None for the defaults
     """
     settings = settings or PoseSettings()
     usable = [view for view in views if len(view.outline.points) >= MIN_POINTS]
@@ -67,7 +68,7 @@ def fit_grasp(
     state = np.zeros((1 + len(usable), 6))
     missed = 1.0
     for _ in range(MAX_CYCLES):
-        # a part may sit farther off than these steps go: on from there
+        # The part may be farther off than the reach of these steps: continue from there.
         before = missed
         moved, missed = _approach(part, usable, state, settings)
         if missed >= before:
@@ -81,7 +82,7 @@ def fit_grasp(
 def _approach(
     part: PosedPart, views: Sequence[OutlineView], state: FloatArray, settings: PoseSettings
 ) -> tuple[FloatArray, float]:
-    """Return the state after some steps, and the share of the outline then still far off."""
+    """Return the state after some steps, and the share of the outline that is still far off."""
     for reach in REACH_PX:
         rims = [_coarse(part, placed) for placed in _placed(part, views, state)]
         gaps = [
@@ -102,7 +103,7 @@ class _Placed:
 
 
 def _placed(part: PosedPart, views: Sequence[OutlineView], state: FloatArray) -> list[_Placed]:
-    """Return the views with their poses: the expected one, moved by grasp and view together."""
+    """Return the views with their poses: the expected ones, moved by grasp and view."""
     centre = part.solid.centroid_mm
     return [
         _Placed(view, view.T_world_part @ twist(x[3:], x[:3], centre))
@@ -116,7 +117,7 @@ def _coarse(part: PosedPart, placed: _Placed) -> Rims:
 
 
 def _prior(views: Sequence[OutlineView], settings: PoseSettings) -> FloatArray:
-    """Return the information (1 + k, 6) of grasp and views before the pictures."""
+    """Return the prior information (1 + k, 6) of grasp and views."""
     mm = min(view.prior_mm for view in views)
     rad = min(view.prior_rad for view in views)
     own = [settings.view_mm] * 3 + [settings.view_rad] * 3
@@ -124,7 +125,7 @@ def _prior(views: Sequence[OutlineView], settings: PoseSettings) -> FloatArray:
 
 
 class _Prior:
-    """Knowledge before the pictures of all unknowns of the fine rounds."""
+    """Prior of all unknowns of the fine rounds."""
 
     def __init__(
         self, part: PosedPart, views: Sequence[OutlineView], settings: PoseSettings
@@ -171,7 +172,7 @@ def _coarse_step(
     state: FloatArray,
     settings: PoseSettings,
 ) -> FloatArray:
-    """Return the state one step on, from all views together."""
+    """Return the state after one more step, from all views together."""
     prior = _prior(views, settings)
     size = state.size
     information, pull = np.diag(prior.ravel()), -(prior * state).ravel()
@@ -194,13 +195,13 @@ def _coarse_step(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Predicted:
-    """A view's outline in the fine rounds: the motion of its points, and their common errors."""
+    """Outline of a view in the fine rounds: derivatives of its points, and their common errors."""
 
     rims: Rims
     design: sp.csr_matrix  # (n, m): grasp, views, faces, size, light in each view
-    edges: sp.csr_matrix  # (n, e) which edge a point is of
-    correlated: float  # points that err together by the picture's noise
-    along: float  # points that err together by what differs along an edge
+    edges: sp.csr_matrix  # (n, e) edge of each point
+    correlated: float  # number of points with correlated noise of the picture
+    along: float  # number of points with a common error along an edge
     noise_px: FloatArray
     pixel_mm: float
 
@@ -299,7 +300,7 @@ def _predict(part: PosedPart, placed: _Placed, number: int, count: int) -> _Pred
 
 
 def _edges(rims: Rims) -> IntArray:
-    """Return the number (n,) of each outline point's edge: two faces, and a direction."""
+    """Return the number (n,) of each outline point's edge, given by two faces and a direction."""
     normals = rims.points.normals
     sector = np.round(np.arctan2(normals[:, 1], normals[:, 0]) / SPLIT_RAD).astype(np.int64)
     key = np.column_stack([np.sort(rims.faces, axis=1), sector])
@@ -315,7 +316,7 @@ def _left(
     start: FloatArray,
     shape: tuple[int, ...],
 ) -> list[FloatArray]:
-    """Return the offsets of observed outlines from the moved prediction, faces not moved."""
+    """Return the offsets of observed outlines from the moved prediction, without faces moved."""
     out = []
     size = int(np.prod(shape))
     now = _placed(part, views, x[:size].reshape(shape))
@@ -335,15 +336,15 @@ def _weights(
     settings: PoseSettings,
     share: float,
 ) -> FloatArray:
-    """Return the information of each point; outliers have little.
+    """Return the information of each point, little for outliers.
 
     Parameters
     ----------
-    one : the view's outline
-    left : (n,) how far the observed one is off, faces moved
-    shape : (n,) how far faces out of place move it
-    settings : what is known of light
-    share : of `LOOSE`, what counts for much
+    one : outline of the view
+    left : (n,) offsets of the observed outline, with faces moved
+    shape : (n,) displacement by faces out of place
+    settings : prior knowledge of light
+    share : limit for outliers, as a share of `LOOSE`
     """
     scale = share * LOOSE * np.hypot(one.noise_px, settings.light_px)
     trust = 1.0 / (1.0 + (left / scale) ** 2) ** 2
@@ -356,7 +357,7 @@ def _weights(
 def _common(
     one: _Predicted, left: FloatArray, weight: FloatArray, settings: PoseSettings
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the common offset of each edge's points (e,), and the information of it."""
+    """Return the common offset of each edge's points (e,), and its information."""
     information = one.edges.T @ weight + 1.0 / settings.light_px**2
     return (one.edges.T @ (weight * np.nan_to_num(left))) / information, information
 
@@ -372,11 +373,11 @@ def _solve(
 
     Parameters
     ----------
-    predicted : the views' outlines
-    gaps : (n,) each, as measured at the poses of the state
-    x : the state
-    prior : what is known before
-    how : what counts for much, and whether faces are let go, as in `ROUNDS`
+    predicted : outlines of the views
+    gaps : (n,) each, measured at the poses of the state
+    x : state
+    prior : prior of the unknowns
+    how : limit for outliers, and whether faces are free, as in `ROUNDS`
     """
     share, is_free = how
     diagonal = prior.information(x, is_free=is_free)

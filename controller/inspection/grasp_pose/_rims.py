@@ -1,4 +1,4 @@
-"""The predicted outline of a posed part, point by point, with the faces that make it."""
+"""Predicted outline of a posed part, point by point, with its adjacent faces."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -12,26 +12,27 @@ from controller.recognition.fitting import EdgePoints, edge_jacobian, predict_ou
 from .._pose import PosedPart
 
 CLEAR_PX: Final = 1.0  # width of a slit below which light through it is not compared
-SMOOTH: Final = 0.9  # cosine between two sides that move an outline together
-RIM: Final = 0.94  # cosine between a chord of a circle and its tangent there
-AHEAD_MM: Final = 0.2  # step along an edge, to find its direction in the picture
-HALF: Final = 0.5  # an axis is as long as 1, or 0 where a face has none
-FREEDOMS: Final = 4  # freedoms of a face: along its normals, and a shift of a curved one
+SMOOTH: Final = 0.9  # least cosine between normals of two faces that move an outline together
+RIM: Final = 0.94  # least cosine between a chord of a circle and its tangent there
+AHEAD_MM: Final = 0.2  # step along an edge for its direction in the picture
+HALF: Final = 0.5  # threshold between the length of an axis, 1, and 0 for a face without one
+# Degrees of freedom of a face: growth along its normals, and the shift of a curved one.
+FREEDOMS: Final = 4
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rims:
-    """Points of a predicted outline, n of them.
+    """Points of a predicted outline, n in number.
 
     Attributes
     ----------
-    points : where they are, and their normals from the part to the ground
-    jacobian : (n, 6) how they move along their normals with the part: its centre of mass along
-        the axes of the CAD frame [px / mm], and rotations about them [px / rad]
+    points : their positions, and their normals from the part to the ground
+    jacobian : (n, 6) derivatives of their offset along the normals by the part's pose: shift of the
+        centre of mass along the axes of the CAD frame [px / mm], rotations about them [px / rad]
     faces : (n, 2) ids of the faces on both sides
-    per_face : (n, 2, 4) how they move [px / mm] as each of these faces grows along its normals, or
-        is shifted along the axes of the CAD frame, which moves curved faces only
-    facet_px : (n,) how far the facets of a curved face may be off its surface
+    per_face : (n, 2, 4) derivatives [px / mm] by the growth of each of these faces along its
+        normals, and by its shift along the axes of the CAD frame, which moves curved faces only
+    facet_px : (n,) largest distance of a curved face's facets from its surface
     """
 
     points: EdgePoints
@@ -51,8 +52,8 @@ def find_rims(
     part : the part
     T_world_part : (4, 4)
     camera : calibrated, in the world's frame
-    most : about so many points
-    step_mm : between them, however few they are
+    most : approximate number of points
+    step_mm : least distance between them
     """
     model = part.edges
     edges = predict_outline(model, T_world_part, camera, most, step_mm)
@@ -83,7 +84,7 @@ def find_rims(
 
 
 class _Rounds:
-    """The faces of a part that close round an axis."""
+    """Faces of a part that close round an axis."""
 
     def __init__(self, part: PosedPart) -> None:
         self._axes = np.array([face.axis for face in part.solid.faces])
@@ -91,13 +92,13 @@ class _Rounds:
         self.is_round = np.linalg.norm(self._axes, axis=1) > HALF
 
     def tangents(self, faces: IntArray, local_mm: FloatArray) -> FloatArray:
-        """Return unit vectors (n, 3) round the axes of faces (n,) at points (n, 3), CAD frame."""
+        """Return unit tangents (n, 3) about the axes of faces (n,) at points (n, 3), CAD frame."""
         tangent = np.cross(self._axes[faces], local_mm - self._centres[faces])
         size = np.linalg.norm(tangent, axis=1, keepdims=True)
         return np.asarray(tangent / np.maximum(size, 1e-12))
 
     def even(self, normals: FloatArray, faces: IntArray, local_mm: FloatArray) -> FloatArray:
-        """Return facets' normals (n, 3) replaced by those of their round faces (n,)."""
+        """Return the normals (n, 3) of facets, replaced by those of their round faces (n,)."""
         tangent = self.tangents(faces, local_mm)
         out = normals - (normals * tangent).sum(axis=1, keepdims=True) * tangent
         out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
@@ -112,16 +113,16 @@ def _round_normals(
     T_world_part: FloatArray,
     camera: Camera,
 ) -> EdgePoints:
-    """Return points and normals on the circles behind the chords of round faces' rims.
+    """Return points and normals on the true circles in place of chords of round faces' rims.
 
-    By its chords a disc would show how it is turned about its axis; a round one does not.
+    The chords of a disc would show its rotation about the axis, which a round disc does not.
 
     Parameters
     ----------
-    part : with its edges
+    part : the part, with its edges
     rounds : its round faces
-    edges : predicted
-    faces : (n, 2) on both sides of them
+    edges : predicted edges
+    faces : (n, 2) faces on both sides of them
     T_world_part : (4, 4)
     camera : of the view
     """
@@ -139,7 +140,7 @@ def _round_normals(
     before = edges.normals[is_rim]
     turned *= np.sign((turned * before).sum(axis=1, keepdims=True))
     normals = edges.normals.copy()
-    # seen nearly along its plane a circle's chord may look turned much: that is left as it is
+    # A chord of a circle seen nearly edge-on may look turned too far, and is left as it is.
     close = (turned * before).sum(axis=1) > RIM
     normals[np.flatnonzero(is_rim)[close]] = turned[close]
     return replace(edges, normals=normals)
@@ -163,8 +164,8 @@ def _per_face(
 ) -> FloatArray:
     """Return the derivatives of outline points by the motion of faces, (n, 2, 4).
 
-    A sharp edge goes where its two faces go: d with n1 d = s1 and n2 d = s2, as short as can be.
-    Two sides that run smoothly into each other move their outline together.
+    A sharp edge follows its two faces: the shortest d with n1 d = s1 and n2 d = s2. Two faces that
+    join smoothly move their outline together.
     """
     cosine = np.einsum("ij,ij->i", first, second)
     a, b = (np.einsum("ij,ij->i", along, n) for n in (first, second))
@@ -180,7 +181,7 @@ def _per_face(
 def _facets(
     part: PosedPart, edge: IntArray, triangles: IntArray, faces: IntArray, px_per_mm: FloatArray
 ) -> FloatArray:
-    """Return the distance of facets beside their curved face [px], (n,): about w a / 8."""
+    """Return the distance (n,) of facets from their curved face [px], about w a / 8."""
     model = part.edges
     inside = faces[:, 0] == faces[:, 1]
     normals = model.normals[triangles]

@@ -13,13 +13,13 @@ from ._rims import Rims
 
 @dataclass(frozen=True, slots=True)
 class PoseSettings:
-    """Knowledge of arm, parts and light before a picture; all are standard deviations.
+    """Prior knowledge of arm, parts and light; all values are standard deviations.
 
     Attributes
     ----------
-    view_mm, view_rad : how far the arm is off from view to view, the part held the same
-    face_mm : how far a face of a good part is from where the CAD model has it
-    light_px : how far light that a wall throws back moves a whole edge in a backlit picture
+    view_mm, view_rad : error of the arm from view to view within a grasp
+    face_mm : deviation of a good part's face from the CAD model
+    light_px : displacement of a whole edge in a backlit picture by light reflected from a wall
     """
 
     view_mm: float = 0.1
@@ -30,13 +30,13 @@ class PoseSettings:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class OutlineView:
-    """One view of a part, with the data for its pose.
+    """One view of a part, with the data for a pose fit.
 
     Attributes
     ----------
-    view_id, camera : which, and the camera
-    T_world_part : (4, 4) where the kinematics have the part
-    outline : observed before the panel
+    view_id, camera : name and camera of the view
+    T_world_part : (4, 4) pose of the part by kinematics
+    outline : outline observed before the panel
     noise_px : standard deviation of one of its points
     prior_mm, prior_rad : standard deviations of the expected pose
     """
@@ -56,22 +56,22 @@ class ViewPose:
 
     Attributes
     ----------
-    view_id : which
+    view_id : name of the view
     T_world_part : (4, 4)
     covariance : (6, 6) of the centre of mass's position, world [mm], and of the rotation vector
         about it, world [rad]
-    deviation_mm, deviation_rad : from where the grasp's pose has the part in this view
-    rims : the predicted outline, about one point a pixel
-    gap_px : (n,) how far beyond it the observed outline is; nan where none is near
-    left_px : (n,) what of that faces out of place do not explain
-    edge_px : (n,) what of it an edge's points have in common, which light does too
-    judged : (n,) the outline there is the part's own, and in sight
-    step_px : between points
-    px_per_mm : of the part
+    deviation_mm, deviation_rad : deviation from the pose of the grasp in this view
+    rims : predicted outline, about one point a pixel
+    gap_px : (n,) distance of the observed outline beyond it; nan where none is near
+    left_px : (n,) rest of that distance not explained by faces out of place
+    edge_px : (n,) common offset of each edge's points, which light may cause too
+    judged : (n,) mask of points where the outline belongs to the part and is in sight
+    step_px : distance between points
+    px_per_mm : scale at the part
     noise_px : standard deviation of one point, from the picture's noise and the CAD's facets
-    residual_px : robust standard deviation of what no edge has in common
-    paired : share of the predicted outline, where it is judged, that is found within 2 px once
-        faces are where they are
+    residual_px : robust standard deviation after removal of the edges' common offsets
+    paired : share of the judged predicted outline that is found within 2 px with the faces at their
+        fitted places
     """
 
     view_id: str
@@ -93,14 +93,14 @@ class ViewPose:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FaceShift:
-    """Displacement of a face from its place in the CAD model, as outlines show it.
+    """Displacement of a face from its place in the CAD model, measured by outlines.
 
     Attributes
     ----------
-    face_id : which
-    grown_mm, u_grown_mm : along its normals, out of the material, and the standard uncertainty
-    moved_mm, covariance : (3,) of a curved face, CAD frame, and (3, 3); zeros for a plane
-    point_count : outline points that show it
+    face_id : id of the face
+    grown_mm, u_grown_mm : growth along its normals, out of the material; standard uncertainty
+    moved_mm, covariance : (3,) shift of a curved face, CAD frame, and (3, 3); zeros for a plane
+    point_count : number of outline points that show it
     """
 
     face_id: int
@@ -117,12 +117,12 @@ class GraspPose:
 
     Attributes
     ----------
-    views : in the order given; those in which no outline was found are left out
-    missing : ids of the ones left out
-    shift_mm, rotation_rad : (3,) from the expected pose, CAD frame: of the centre of mass, and the
-        rotation vector
+    views : views in the given order, without those in which no outline was found
+    missing : ids of the views left out
+    shift_mm, rotation_rad : (3,) shift of the centre of mass, and rotation vector, from the
+        expected pose, CAD frame
     covariance : (6, 6) of both
-    faces : those that show in an outline
+    faces : faces visible in an outline
     """
 
     views: tuple[ViewPose, ...]
@@ -133,5 +133,5 @@ class GraspPose:
     faces: tuple[FaceShift, ...]
 
     def view(self, view_id: str) -> ViewPose | None:
-        """Return the pose in a view, None where it was not found."""
+        """Return the pose in a view; None if it was not found."""
         return next((v for v in self.views if v.view_id == view_id), None)

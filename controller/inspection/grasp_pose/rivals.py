@@ -1,9 +1,9 @@
-"""Check for a wrong part: its mirror image, fitted to the same outlines, as a rival.
+"""Check for a mirrored part: the mirror image is fitted to the same outlines as a rival.
 
-A part made the wrong way round has all its dimensions right. Where the part that was expected
-leaves much of the outlines unexplained, the mirror image is tried, turned by half a turn about each
-axis too, since it was taken for the part when it was grasped. Both are weighed by how probable the
-outlines are if it is the one or the other: faces out of place count as what they are, improbable.
+A mirrored part has all its dimensions right. Where the expected part leaves much of the outlines
+unexplained, the mirror image is tried, also turned by half a turn about each axis, since it was
+grasped as if it were the expected part. Both are compared by the likelihood of the outlines, in
+which faces out of place count as improbable.
 """
 
 from collections.abc import Sequence
@@ -22,8 +22,8 @@ from ._types import GraspPose, OutlineView, PoseSettings
 SUSPECT_SHARE: Final = 0.985  # share of the outline in place below which the part is suspect
 LOST_PX: Final = 6.0  # offset counted for an outline point without a partner
 POINT_PX: Final = 3.0  # length along an outline that counts as one piece of evidence
-DECIDED: Final = 20.0  # logarithm of the odds from which a rival is believed
-EXPLAINS: Final = 0.97  # least share of the outlines that an accepted rival explains
+DECIDED: Final = 20.0  # least logarithm of the odds for which a rival is accepted
+EXPLAINS: Final = 0.97  # least share of the outlines explained by an accepted rival
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +32,10 @@ class Rival:
 
     Attributes
     ----------
-    name : what it is
-    log_odds : against the part expected, from the outlines alone
-    explained, expected_explained : share of the outlines that lie where they should, for both
+    name : name of the rival
+    log_odds : log odds against the expected part, from the outlines alone
+    explained, expected_explained : share of the outlines in place for the rival, and for the
+        expected part
     """
 
     name: str
@@ -63,7 +64,7 @@ def mirror_image(solid: Solid) -> Solid:
 
 
 def is_suspect(fits: Sequence[GraspPose | None]) -> bool:
-    """Return True if the outlines leave it open whether this is the part expected."""
+    """Return True if the outlines leave doubt whether this is the expected part."""
     poses = [view for fit in fits if fit is not None for view in fit.views]
     if not poses or any(fit is None or fit.missing for fit in fits):
         return True
@@ -76,13 +77,13 @@ def find_rival(
     fits: Sequence[GraspPose | None],
     settings: PoseSettings,
 ) -> Rival | None:
-    """Return the mirror image if the outlines show that it is there, else None.
+    """Return the mirror image as a rival if the outlines prove it; otherwise None.
 
     Parameters
     ----------
-    part : the part expected
+    part : expected part
     grasps : its views, grasp by grasp
-    fits : the fits of the part expected to them
+    fits : fits of the expected part to them
     settings : what is known of arm, parts and light
     """
     image = PosedPart(mirror_image(part.solid))
@@ -97,7 +98,7 @@ def find_rival(
     )
     explained, _ = _explained(best)
     expected, _ = _explained(fits)
-    # a part that is nearly its own mirror image explains what its image does, to a hair's breadth
+    # A part that is nearly its own mirror image explains almost exactly as much as its image.
     is_explained = expected >= min(explained, SUSPECT_SHARE)
     if log_odds < DECIDED or explained < EXPLAINS or is_explained:
         return None
@@ -105,7 +106,7 @@ def find_rival(
 
 
 def _turned(views: Sequence[OutlineView], part: PosedPart, axis: int) -> list[OutlineView]:
-    """Return the views with the pose expected turned by half about an axis; 3 for not turned."""
+    """Return the views with the expected pose turned by half a turn about an axis; 3 for none."""
     centre = part.solid.centroid_mm
     turn = np.eye(4)
     if axis < 3:
@@ -117,7 +118,7 @@ def _turned(views: Sequence[OutlineView], part: PosedPart, axis: int) -> list[Ou
 
 
 def _offs(fit: GraspPose) -> list[tuple[FloatArray, float]]:
-    """Return the offsets of outlines with lost points counted, faces unmoved; and px a point."""
+    """Return the outlines' offsets, lost points included and faces unmoved, and px per point."""
     out = []
     for view in fit.views:
         off = np.nan_to_num(np.abs(view.gap_px[view.judged]), nan=LOST_PX)

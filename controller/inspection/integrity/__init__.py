@@ -1,4 +1,4 @@
-"""Proofs of an outline before the panel: material missing, too much, or out of place."""
+"""Evidence of an outline before the panel: missing, extra or displaced material."""
 
 from ._allowed import Allowances, allowed_mm
 from ._blurred import blur_rounds_px

@@ -12,13 +12,13 @@ from ..characteristics.limits import ToleranceClass, linear_tolerance_mm
 
 @dataclass(frozen=True, slots=True)
 class Allowances:
-    """Differences that a good part, clean but for dust, may show.
+    """Allowed differences of a good part that is clean except for dust.
 
     Attributes
     ----------
-    tolerance_class : general tolerances (references.md S15), of where faces lie
-    form_mm : how uneven an edge may be over some millimetres, standard deviation
-    false_alarms : differences of good parts taken for findings, per part and check of an outline
+    tolerance_class : class of general tolerances (references.md S15) for the places of faces
+    form_mm : standard deviation of an edge's unevenness over some millimetres
+    false_alarms : mean number of false findings per good part and check of an outline
     """
 
     tolerance_class: ToleranceClass = "m"
@@ -27,10 +27,10 @@ class Allowances:
 
 
 def allowed_mm(part: PosedPart, tolerance_class: ToleranceClass) -> FloatArray:
-    """Return the allowed deviation of each face to either side, (f, 2): grown, and moved [mm].
+    """Return the allowed growth and shift of each face in either direction, (f, 2) [mm].
 
-    A plane is held to the size of the part across it, a round face to its diameter and its centre
-    to the size of the part.
+    The allowance of a plane follows from the size of the part across it; that of a round face from
+    its diameter, and for its centre from the size of the part.
     """
     size = float(np.ptp(part.solid.mesh.bounds, axis=0).max())
     place = linear_tolerance_mm(size, tolerance_class) or 0.0

@@ -1,4 +1,4 @@
-"""Effect of blur on an outline: it rounds corners, fills notches and wears teeth down."""
+"""Effect of blur on an outline: it rounds corners, fills notches and flattens teeth."""
 
 from typing import Final
 
@@ -29,14 +29,14 @@ def blur_rounds_px(
 
     Parameters
     ----------
-    part, T_world_part, camera : what is seen, where, by which camera
-    window : (4,) x0, y0, x1, y1 of the picture that is blurred
+    part, T_world_part, camera : the part, its pose, and the camera
+    window : (4,) x0, y0, x1, y1 of the blurred portion of the picture
     sigma_px : standard deviation of the blur
     at_px, normals : (n, 2) points of the sharp outline in the window, and its outward normals
 
     Returns
     -------
-    nan where the blurred outline is farther away than is looked for
+    nan where the blurred outline is beyond the reach of the search
     """
     x0, y0, x1, y1 = window
     width, height = (int(np.ceil(FINE * size)) + 1 for size in (x1 - x0, y1 - y0))
@@ -56,5 +56,5 @@ def blur_rounds_px(
     away = np.where(leaves, np.abs(middle), np.inf)
     nearest = np.argmin(away, axis=1)
     shift = middle[nearest]
-    shift[np.abs(shift) <= 1.0 / FINE] = 0.0  # as far as samples know where an edge is
+    shift[np.abs(shift) <= 1.0 / FINE] = 0.0  # within the resolution of the samples
     return np.asarray(np.where(leaves.any(axis=1), shift, np.nan))

@@ -1,9 +1,9 @@
-"""The silhouette before the panel against the CAD: extra, missing and moved material.
+"""Comparison of the silhouette before the panel with the CAD: extra, missing, moved material.
 
-Two looks at one thing. Runs of the outline that are off by a fraction of a pixel (`_runs`), after
-what is allowed has been taken off: a pose known so well, faces within their tolerance, light on an
-edge as a whole. And areas of material too much or too little, where the outline is too far off for
-its points to be matched.
+It has two methods. One finds runs of the outline that are off by a fraction of a pixel (`_runs`),
+less the allowances: uncertainty of the pose, tolerances of faces, light on an edge as a whole. The
+other finds areas of extra or missing material where the outline is too far off for its points to be
+matched.
 """
 
 from collections.abc import Sequence
@@ -26,22 +26,23 @@ from ._allowed import Allowances, allowed_mm
 from ._blurred import blur_rounds_px
 from ._runs import Run, RunTest, crowded, find_runs
 
-MARGIN_PX: Final = 40  # width beyond the outline where material may stick out
-LOST_PX: Final = 6.0  # offset counted for a point without any partner
+MARGIN_PX: Final = 40  # width beyond the outline that is searched for extra material
+LOST_PX: Final = 6.0  # offset counted for a point without a partner
 NEAR_PX: Final = 6  # distance from unjudged pixels within which the observed outline ends
-INSIDE_PX: Final = 2.0  # distance to either side at which a lost point is tested as dark or bright
+# Distance to either side of a lost point at which the picture is tested as dark or bright.
+INSIDE_PX: Final = 2.0
 HALF: Final = 0.5  # level between part and panel
-LIGHT_SIGMAS: Final = 2.0  # standard deviations of light's effect on an edge as a whole
-REACH_PX: Final = 4.0  # distance beyond a run: its blurred surroundings
-MAX_RUNS: Final = 40  # runs of one view that are examined; more are no corners
+LIGHT_SIGMAS: Final = 2.0  # allowance for light on an edge as a whole, in standard deviations
+REACH_PX: Final = 4.0  # margin about a run for its blurred surroundings
+MAX_RUNS: Final = 40  # largest number of runs tested as blurred corners; more have another cause
 MAX_WINDOW_PX: Final = 60.0
-AREA_PX: Final = 9  # smaller areas are left to the runs
-# Share of an edge's points off; from it the edge is out of place, not broken.
+AREA_PX: Final = 9  # least area; smaller differences are left to the runs
+# Share of an edge's points that are off, from which the edge is out of place and not broken.
 WHOLE_EDGE: Final = 0.7
 BURR_PX: Final = 3.0  # size below which a finding may be dust
 CHIP_PX: Final = 6.0
 ROUNDED: Final = 3.0  # standard deviations of blur that round a corner
-GRAINS: Final = 2.0  # in sizes of dust; a larger thing is no dust
+GRAINS: Final = 2.0  # size, in sizes of dust, above which a finding is no dust
 SURE_PX: Final = 3.0  # depth that no light removes from one place of an edge
 CLEARLY_PX: Final = 0.3  # least excess of a face over its allowance
 FULL_RUN: Final = 0.6  # least share of the points along a run that must have been compared
@@ -51,7 +52,7 @@ CROWDED: Final = 4.0  # standard deviations of blur within which two edges move 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class OutlineResult:
-    """Result of the silhouette: findings, and the check with the samples that it compared."""
+    """Result of the comparison: findings, and the check with its compared samples."""
 
     findings: list[Finding]
     check: Check
@@ -68,19 +69,19 @@ def compare_outline(
     settings: PoseSettings,
     view_count: int = 1,
 ) -> OutlineResult:
-    """Return the differences of a view's silhouette from the CAD, and the area compared.
+    """Return the differences of a view's silhouette from the CAD, and the compared area.
 
     Parameters
     ----------
-    part : the solid, with rays against it
-    pose : fitted, with the predicted outline and how far the observed one is off
-    maps : the prediction at the pose
-    backlit : the picture, relative to the panel's light
-    task : the view; with its camera
-    samples : of the surface, to know what the outline covers
-    allowances : what a good part may show
-    settings : what is known of arm, parts and light
-    view_count : of the part, so that its false alarms can be bounded
+    part : the solid, with ray casting
+    pose : fitted pose, with the predicted outline and the offsets of the observed one
+    maps : prediction at the pose
+    backlit : the picture, normalised by the panel's light
+    task : the view, with its camera
+    samples : samples of the surface, for the area covered by the outline
+    allowances : allowed deviations of a good part
+    settings : prior knowledge of arm, parts and light
+    view_count : number of views of the part, to bound its false alarms
     """
     look = _Look(part, pose, maps, backlit, task, allowances, settings)
     test = RunTest(
@@ -101,12 +102,12 @@ def compare_outline(
     near = look.compared(limit_px)
     compared: BoolArray = np.zeros(len(samples.points_mm), dtype=bool)
     size_mm = limit_px * look.mm
-    # half a disc of the smallest size must be long enough for a run, and deep enough
+    # Half a disc of the smallest size must be long enough and deep enough for a run.
     smallest_mm = task.limits.smallest_defect_mm
     is_resolved = smallest_mm >= max(CHIP_PX * look.mm, 2 * size_mm)
     if near.any() and is_resolved:
         tree = cKDTree(points.points_mm[near])
-        # a chip of the smallest size about such a point reaches well across the outline
+        # A chip of the smallest size about such a point extends well across the outline.
         reach_mm = smallest_mm / 4
         placed = transform(pose.T_world_part, samples.points_mm)
         far, _ = tree.query(placed, distance_upper_bound=np.nextafter(reach_mm, np.inf))
@@ -115,7 +116,7 @@ def compare_outline(
 
 
 class _Look:
-    """One view's outline, less the allowances."""
+    """Outline of one view, less the allowances."""
 
     def __init__(
         self,
@@ -139,12 +140,12 @@ class _Look:
         self.off_px = self._off()
 
     def _off(self) -> FloatArray:
-        """Return the excess of the observed outline over the allowance, (n,); nan: not known."""
+        """Return the excess (n,) of the observed outline over the allowance; nan where unknown."""
         pose = self.pose
         shape = pose.gap_px - pose.left_px
         moves = np.abs(pose.rims.per_face)
         allowed = self.allowed_mm[pose.rims.faces]
-        # both faces of an edge may be off, and a curved one grown and moved
+        # Both faces of an edge may be off, and a curved one may be grown and moved.
         room = (moves[..., 0] * allowed.sum(axis=2)).sum(axis=1)
         light = np.clip(pose.edge_px, -self.light_px, self.light_px)
         self.beyond_px = shape - np.clip(shape, -room, room)
@@ -156,14 +157,14 @@ class _Look:
         return off
 
     def _with_lost(self, off: FloatArray) -> FloatArray:
-        """Return the offsets with points that have no partner counted: panel or part is there."""
+        """Return the offsets, also for points without a partner, where panel or part is visible."""
         lost = np.isnan(self.pose.gap_px) & self.judged & ~self._near_unjudged()
         if not lost.any():
             return off
         at, normals = self.points.pixels[lost], self.points.normals[lost]
         within, beyond = at - INSIDE_PX * normals, at + INSIDE_PX * normals
         is_dark_within, is_dark_beyond = (self._is_dark(p) for p in (within, beyond))
-        # at a slender corner that far inside is outside again; on a low step that far out is inside
+        # At a slender corner this far in is outside again; on a low step this far out is inside.
         fits = self._is_surely(within, part=True) & self._is_surely(beyond, part=False)
         out = off.copy()
         out[lost] = np.select(
@@ -180,7 +181,7 @@ class _Look:
         return np.asarray(self.backlit.share[y, x] < HALF)
 
     def _is_surely(self, at_px: FloatArray, *, part: bool) -> BoolArray:
-        """Return a mask of the places (n, 2) on the part, or off it, and not on its rim."""
+        """Return a mask (n,) of the places (n, 2) clearly on the part, or clearly off it."""
         mask = self.maps.mask if part else ~self.maps.mask
         beside = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
         all_about = cv2.erode(mask.astype(np.uint8), beside) > 0
@@ -196,7 +197,7 @@ class _Look:
         return np.asarray(grow(~self.backlit.judged, NEAR_PX)[y, x])
 
     def compared(self, limit_px: float) -> BoolArray:
-        """Return a mask (n,) of outline points where a run would have been seen, and none was."""
+        """Return a mask (n,) of outline points where a run would have been found, and none was."""
         good: BoolArray = np.abs(np.nan_to_num(self.off_px, nan=np.inf)) <= limit_px
         if not good.any():
             return good
@@ -210,7 +211,7 @@ class _Look:
 
         Parameters
         ----------
-        runs : that may be the doing of blur
+        runs : runs that blur may have caused
         """
         at, normals = self.points.pixels, self.points.normals
         reach = max(REACH_PX, CROWDED * self.backlit.width_px)
@@ -229,7 +230,7 @@ class _Look:
             self.off_px[near] -= np.nan_to_num(shift)
 
     def is_moved(self, points: IntArray) -> bool:
-        """Return True if points show faces out of place, farther than allowed."""
+        """Return True if points show faces farther out of place than allowed."""
         beyond = self.beyond_px[points]
         here = np.isfinite(beyond)
         if not here.any():
@@ -238,14 +239,14 @@ class _Look:
         return bool((np.abs(beyond[here]) > np.maximum(rest, CLEARLY_PX)).mean() > HALF)
 
     def near(self, box_px: tuple[int, int, int, int]) -> IntArray:
-        """Return the outline points in a box of the picture, or beside it."""
+        """Return the outline points in or beside a box of the picture."""
         x0, y0, x1, y1 = box_px
         x, y = self.points.pixels.T
         inside = (x > x0 - 2) & (x < x1 + 2) & (y > y0 - 2) & (y < y1 + 2)
         return np.flatnonzero(inside)
 
     def finding(self, run: Run) -> Finding | None:
-        """Return the finding of a run, None for possible dust."""
+        """Return the finding of a run; None for possible dust."""
         kind = self._kind(run)
         if kind is None:
             return None
@@ -283,7 +284,7 @@ class _Look:
         mask = np.zeros((zoom * size[1], zoom * size[0]), dtype=np.uint8)
         for one, other in zip(ends - corner, others - corner, strict=True):
             a, b = ([round(zoom * float(x)) for x in p] for p in (one, other))
-            # as thick as the way to the next point, so that no gap is left between two
+            # Lines as thick as the distance to the next point leave no gap between two points.
             cv2.line(mask, a, b, 1, max(1, round(zoom * self.step_px)))
         return border_of(mask > 0, (float(corner[0]), float(corner[1])), 1 / zoom)
 
@@ -309,7 +310,7 @@ class _Look:
         if run.depth_px < 0:
             rounded_px = max(BURR_PX, ROUNDED * self.backlit.width_px)
             if -run.depth_px < rounded_px and run.length_px < rounded_px:
-                return None  # so small a notch may be a corner that blur has rounded
+                return None  # a notch this small may be a corner rounded by blur
             is_sharp = faces[run.points, 0] != faces[run.points, 1]
             return FindingKind.CHIP if is_sharp.mean() > HALF else FindingKind.MISSING
         grain_px = self.task.limits.dust_mm / self.mm
@@ -331,7 +332,7 @@ def _areas(look: _Look, maps: ViewMaps) -> list[Finding]:
     slack = int(np.ceil(max(allowed_px, BURR_PX)))
     area = np.full(expected.shape, look.mm**2, dtype=np.float32)
     found: list[Finding] = []
-    # where gripper and part overlap in the picture no ground is left to compare with
+    # Where gripper and part overlap in the picture, there is no ground to compare with.
     for wrong, kind in (
         (expected & ~dark & judged, FindingKind.MISSING),
         (~expected & dark & judged, FindingKind.EXTRA),
@@ -340,7 +341,7 @@ def _areas(look: _Look, maps: ViewMaps) -> list[Finding]:
         deep = wrong & ~grow(side, slack)
         if not deep.any():
             continue
-        # grown back to the outline, so that its size is its size
+        # Grow it back to the outline, to restore its size.
         whole = wrong & grow(deep, slack + 1)
         whole_found = connected_findings(
             whole, kind, "backlit", look.part, maps, task.camera, T, (x0, y0), area,
@@ -357,7 +358,7 @@ def _areas(look: _Look, maps: ViewMaps) -> list[Finding]:
 
 
 def _touches_part(finding: Finding, expected: BoolArray, corner: tuple[int, int]) -> bool:
-    """Return True if a difference touches the part; anything else before the panel is dirt."""
+    """Return True if a difference touches the part; other objects before the panel are dirt."""
     x0, y0, x1, y1 = finding.box_px
     left, top = corner
     window = expected[max(y0 - top - 3, 0) : y1 - top + 3, max(x0 - left - 3, 0) : x1 - left + 3]

@@ -1,8 +1,8 @@
-"""Runs of an outline that are off: means over windows of many lengths, against their noise.
+"""Runs of displaced outline points: means over windows of many lengths, against their noise.
 
 A short deep notch and a long shallow one are both rare by chance. Each window's mean is compared
-with what noise, light and uneven edges make of it; the limit follows from how many windows a part
-has, and from how many good parts may be called bad.
+with its standard deviation from noise, light and uneven edges. The limit follows from the number of
+windows of a part and the allowed rate of false alarms.
 """
 
 from dataclasses import dataclass
@@ -17,23 +17,24 @@ from scipy.special import ndtri
 from controller.arrays import BoolArray, FloatArray, IntArray, inner
 
 WINDOWS_PX: Final = (1.5, 3.0, 6.0, 12.0, 24.0)  # half lengths of the windows
-BLUR_PX: Final = 3.0  # distance along an edge within which points are one
+BLUR_PX: Final = 3.0  # distance along an edge within which points are not independent
 ALIKE: Final = 0.5  # least cosine between normals of one run
 LINKED_PX: Final = 3.0  # largest distance between points of one run
-OPPOSITE: Final = -0.2  # cosine between normals: two sides of a sliver, a gap or a sharp corner
-BELONGS: Final = 0.4  # share of a run's largest difference from which a point belongs to it
+# Cosine between normals below which they belong to two sides of a sliver, gap or sharp corner.
+OPPOSITE: Final = -0.2
+BELONGS: Final = 0.4  # share of a run's largest difference from which a point belongs to the run
 
 
 @dataclass(frozen=True, slots=True)
 class RunTest:
-    """Test that tells a run from chance.
+    """Test of a run against chance.
 
     Attributes
     ----------
-    noise_px : of one point, standard deviation
-    wave_px : of what moves neighbouring points together: light, uneven edges
-    false_alarms : runs of good parts, per part
-    view_count : of the part
+    noise_px : standard deviation of one point
+    wave_px : standard deviation of common displacements of neighbours by light and uneven edges
+    false_alarms : mean number of false runs per good part
+    view_count : number of views of the part
     """
 
     noise_px: float
@@ -42,7 +43,7 @@ class RunTest:
     view_count: int = 1
 
     def limit(self, point_count: int) -> float:
-        """Return the limit of a window's mean in standard deviations, by the number of points."""
+        """Return the limit of a window's mean, in standard deviations, for a number of points."""
         windows = len(WINDOWS_PX) * max(point_count / BLUR_PX, 1.0) * max(self.view_count, 1)
         return -float(ndtri(self.false_alarms / (2 * windows)))
 
@@ -58,11 +59,11 @@ class Run:
 
     Attributes
     ----------
-    points : which, in the order given
-    depth_px : the largest difference, signed: positive is material too much
-    length_px : along the outline
-    area_px : between both outlines
-    significance : of the plainest window, in standard deviations
+    points : numbers of the points, in the given order
+    depth_px : largest difference with sign; positive for extra material
+    length_px : length along the outline
+    area_px : area between both outlines
+    significance : that of the most significant window, in standard deviations
     """
 
     points: IntArray
@@ -75,14 +76,14 @@ class Run:
 def find_runs(
     at_px: FloatArray, normals: FloatArray, off_px: FloatArray, step_px: float, test: RunTest
 ) -> list[Run]:
-    """Return the runs of an outline that chance does not explain.
+    """Return the runs of an outline not explained by chance.
 
     Parameters
     ----------
     at_px, normals : (n, 2) points of the predicted outline, and its normals
-    off_px : (n,) how far the observed one is beyond; nan where that is not known
-    step_px : between points
-    test : how a run and chance are told apart
+    off_px : (n,) distance of the observed outline beyond it; nan where unknown
+    step_px : distance between points
+    test : test of a run against chance
     """
     known = np.flatnonzero(np.isfinite(off_px))
     if len(known) < 3:
@@ -110,7 +111,7 @@ def crowded(at_px: FloatArray, normals: FloatArray, reach_px: float) -> BoolArra
     Parameters
     ----------
     at_px, normals : (n, 2) points of the outline, and its normals
-    reach_px : how far blur reaches
+    reach_px : reach of blur
     """
     out: BoolArray = np.zeros(len(at_px), dtype=bool)
     pairs = cKDTree(at_px).query_pairs(reach_px, output_type="ndarray")
@@ -120,7 +121,7 @@ def crowded(at_px: FloatArray, normals: FloatArray, reach_px: float) -> BoolArra
 
 
 def _beside(tree: cKDTree, direction: FloatArray, half_px: float) -> sp.csr_matrix:
-    """Return a mask (n, n) of the points in each other's window."""
+    """Return a mask (n, n) of points in each other's window."""
     n = len(direction)
     pairs = tree.query_pairs(half_px, output_type="ndarray")
     alike = inner(direction[pairs[:, 0]], direction[pairs[:, 1]]) > ALIKE
@@ -151,7 +152,7 @@ def _linked(
     out = []
     for name in np.unique(label[flagged]):
         mine = np.flatnonzero(flagged & (label == name))
-        # windows reach beyond what is off
+        # Windows extend beyond the displaced points.
         size = sign * off[mine]
         mine = mine[size > max(BELONGS * float(size.max()), 2 * test.noise_px)]
         if len(mine) == 0:
