@@ -263,7 +263,7 @@ async def test_a_view_that_does_not_show_the_recipes_part_alone_is_a_part_fault(
 
 
 async def test_a_view_of_no_hypothesis_is_a_persons(record: BatchRecord) -> None:
-    says = "looks like none of holder, widget; take it out with"
+    says = "matches none of holder, widget; take it out with"
     with pytest.raises(PartProblemError, match=says):
         await resolved(record, ("holder", "widget"), ())
 

@@ -75,7 +75,7 @@ def test_whatever_many_ask_for_all_get_it_and_never_two_the_same(
 async def test_what_comes_earlier_is_refused_to_who_has_something_later() -> None:
     leases = silent()
     async with leases.hold("place", [R.ARM]):
-        with pytest.raises(LeaseError, match="place asks for the trays after it took the arm"):
+        with pytest.raises(LeaseError, match="place requests the trays after it took the arm"):
             async with leases.hold("place", [R.TRAYS]):
                 pass
     assert leases.owners == {}

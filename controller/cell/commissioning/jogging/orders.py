@@ -37,7 +37,11 @@ class Verb(StrEnum):
     QUIT = "quit"
 
 
-GRAMMAR: Final = "home "
+GRAMMAR: Final = (
+    "home | motor NAME | joint NUMBER BY | x|y|z|advance BY | heading|tilt|spin BY | park | "
+    "open arm|fixed [MM] | close arm|fixed | lamp NAME on|off | step 1|2|3 | speed PERCENT | "
+    "show | stop | take | quit; BY is mm or degrees, or + or - for one step"
+)
 
 
 class WrongOrderError(CellError):
