@@ -1,8 +1,8 @@
-"""Kept results, so that a part's views need not be evaluated twice.
+"""Cache of results, so that a part's views need not be evaluated twice.
 
-Each entry follows from objects that never change, and from nothing else: pictures, a view, a pose.
-What is kept is what working it out again would give, so that a part that was worked on ahead, view
-by view, comes to the same as one that is judged all at once.
+Each entry depends only on objects that never change: pictures, a view, a pose. A cached result
+equals a recomputed one, so a part evaluated in advance, view by view, has the same result as one
+judged all at once.
 """
 
 from collections.abc import Callable, Hashable
@@ -12,11 +12,11 @@ Made = TypeVar("Made")
 
 
 class Same:
-    """An object as part of a key, compared by identity.
+    """Part of a key that is compared by the identity of an object.
 
     Parameters
     ----------
-    it : the object; it lives as long as the key
+    it : the object, which lives as long as the key
     """
 
     __slots__ = ("_it",)
@@ -32,7 +32,7 @@ class Same:
 
 
 class Kept:
-    """Results from a part's pictures, by their inputs."""
+    """Results from a part's pictures, keyed by their inputs."""
 
     def __init__(self) -> None:
         self._made: dict[Hashable, Any] = {}
@@ -43,12 +43,12 @@ class Kept:
         return len(self._made)
 
     def once(self, make: Callable[[], Made], *key: Hashable) -> Made:
-        """Return the value kept for a key; make it if there is none.
+        """Return the cached value of a key; compute it if there is none.
 
         Parameters
         ----------
-        make : makes it; whatever it depends on is in the key
-        key : objects that never change, by value or, if they do not compare, by identity
+        make : function that computes it; the key contains everything that it depends on
+        key : objects that never change, by value or, if they have no equality, by identity
         """
         if key not in self._made:
             self._made[key] = make()

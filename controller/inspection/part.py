@@ -1,11 +1,11 @@
 """Inspection of a part from all its views: for the cell, stored pictures and a replay.
 
-Views come with their pictures, so that what one view alone cannot tell (where the part is in the
-jaws, what a dimension is) is found from all of them.
+Views come with their pictures, so that results that one view alone cannot give (the place of the
+part in the jaws, a dimension) are found from all of them.
 
-Most of the work is view by view, once the pose of its grasp is known. `work_ahead` does that of the
-grasps that are over while the arm has not shown all views yet, and `inspect_part` finds it in what
-was kept (ADR 81).
+Most of the work is view by view, once the pose of the grasp is known. `work_ahead` does it for
+finished grasps while the arm still shows other views, and `inspect_part` takes it from the cache
+(ADR 81).
 """
 
 from collections.abc import Iterator, Mapping
@@ -89,14 +89,14 @@ class PartSettings:
 
     Attributes
     ----------
-    limits : of differences
+    limits : limits of differences
     min_coverage : share of the surface that must have been compared for a pass
-    not_inspected : by face id, why the recipe leaves it out
-    unseen_reasons : by face id, why the plan could not show all of it
-    planned : by view id, which samples (n,) the plan meant it to show
-    allowances : what the outline of a good part may show
-    pose : what is known of arm, parts and light before the pictures
-    measuring : what is known of lens, scale and temperature before them
+    not_inspected : reason, by face id, why the recipe leaves a face out
+    unseen_reasons : reason, by face id, why the plan could not show all of a face
+    planned : mask, by view id, of the samples (n,) that the plan meant the view to show
+    allowances : allowed deviations of the outline of a good part
+    pose : prior knowledge of arm, parts and light
+    measuring : prior knowledge of lens, scale and temperature
     find_mm : by kind of defect the size that has to be found for a pass; of other kinds the size
         is stated
     appearance : of good parts, which decides on surfaces in views that it serves; None where none
@@ -123,15 +123,15 @@ class PartFinding:
     ----------
     kind : missing, extra, chip, burr, dimension, missing_edge, dent, pit, scratch, stain, surface
         or identity
-    view_id, lamp : picture it shows best in
+    view_id, lamp : picture that shows it best
     p_part_mm : (3,) CAD frame
     size_mm : longest extent
     faces : ids of the surfaces it lies on
     verdict : FAIL where it is proven, INDETERMINATE where it may be something else
     box_px : x0, y0, x1, y1 in that picture; None if it is not known there
-    outline_px : (k, 2) border of what differs in that picture, for the report
-    area_mm2 : seen of it, where it shows most; None for the whole part
-    at_px : (x, y) of its middle in that picture; None if it is not known there
+    outline_px : (k, 2) border of the difference in that picture, for the report
+    area_mm2 : largest visible area; None for the whole part
+    at_px : (x, y) of its centre in that picture; None if unknown
     pictures : every view and lamp that shows it
     """
 
@@ -155,9 +155,9 @@ class ViewOff:
 
     Attributes
     ----------
-    view_id : which
-    grasp : in which the part was held, from 0
-    mm, rad : from where all views of the grasp together have the part
+    view_id : name of the view
+    grasp : number of the grasp, from 0
+    mm, rad : deviation from the joint pose of all views of the grasp
     """
 
     view_id: str
@@ -172,14 +172,14 @@ class PartInspection:
 
     Attributes
     ----------
-    verdict : the worst that is proven; PASS where nothing is left open
+    verdict : worst proven verdict; PASS where nothing is left open
     reasons : sentences, most important first
-    views : one by one
+    views : results view by view
     measured : characteristics with their results
-    findings : differences
-    ledger : per surface what was compared, and why the rest was not
-    unproven : what a PASS does not say, in sentences: characteristics that were not verified
-    off : how far arm and camera disagree, view by view
+    findings : differences from the CAD model
+    ledger : compared share of each surface, and the reasons for the rest
+    unproven : characteristics that a PASS does not cover since they were not verified, in sentences
+    off : disagreement of arm and camera, view by view
     """
 
     verdict: Verdict

@@ -43,7 +43,7 @@ def look_at_other_depths(
     Parameters
     ----------
     solid : the part
-    edges : of it
+    edges : edges of the part
     looks : looks at them at their nominal places
     recess : a blind recess
     look_at : function that looks at edges of a part in the same pictures

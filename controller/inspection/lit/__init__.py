@@ -1,4 +1,4 @@
-"""Pictures under lamps against bounds of the light: coverage, and differences."""
+"""Comparison of pictures under lamps with bounds on the light: coverage and differences."""
 
 from .compare import BURNT_GREY
 from .learned import (

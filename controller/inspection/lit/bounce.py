@@ -1,8 +1,8 @@
-"""Light that part and gripper throw on each other: bounds after one bounce.
+"""Bounds on light that part and gripper reflect on each other, after one bounce.
 
-How much comes from a neighbouring surface is known to a bound at best. Where it changes slowly it
-is the face's own brightness; what matters to a mark is what changes within a mark's width: light
-from near by, and what a polished surface mirrors, blurred by how the finish spreads it (ADR 30).
+Light from a neighbouring surface is known at best to a bound. Where it changes slowly it belongs to
+the face's own brightness. For marks, only changes within a mark's width matter: light from nearby,
+and mirror images in a polished surface, blurred by its finish (ADR 30).
 """
 
 from dataclasses import dataclass
@@ -25,31 +25,32 @@ from controller.imaging import Camera, RayCaster, inverse_pose, transform
 from .._scene import SHADOW_OFFSET_MM
 from .surface import Surface
 
-COSINE_PLAY: Final = 0.02  # cosine error: pose and surface may be turned by a degree
+# Error of a cosine, for pose and surface turned by a degree.
+COSINE_PLAY: Final = 0.02
 ALBEDO: Final = 0.8  # largest albedo of a machined surface
-BOUNCE_STEP: Final = 4  # step in nodes: bounced light is smooth
+BOUNCE_STEP: Final = 4  # step in nodes, since bounced light is smooth
 BOUNCE_RAYS: Final = 40
-LOBE_RAD: Final = 0.2  # width of a polished neighbour's highlight: rays are half of it apart
+LOBE_RAD: Final = 0.2  # width of a polished neighbour's highlight, twice the spacing of rays
 POLISH: Final = 3.0  # peak brightness of a narrower highlight, as a factor
 UNEVEN_MM: Final = 2.0  # distance from which light changes by half within a defect's width
-# A polished surface spreads a ray by twice the angle that its facets are turned by: twice the
-# narrowest of `HIGHLIGHT_WIDTHS_RAD`. A matt one spreads it over the hemisphere.
+# Spread of a ray by a polished surface, twice the tilt of its facets: twice the narrowest of
+# `HIGHLIGHT_WIDTHS_RAD`. A matt surface spreads it over the hemisphere.
 POLISHED_SPREAD_RAD: Final = 0.17
 MATT_SPREAD_RAD: Final = 1.0
-# Directions beside the mirror's that a polished surface shows, about its lobe's width.
+# Directions about the mirror direction that a polished surface shows, within its lobe.
 MIRROR_SPREAD: Final = ((0.0, 0.0), (0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15))
-EVEN_NORMALS: Final = 0.999  # length of the mean of unit normals that differ by some degrees
+EVEN_NORMALS: Final = 0.999  # length of the mean of unit normals that differ by a few degrees
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Met:
-    """Hits of one ray from each of some nodes.
+    """Hits of one ray from each node of a set.
 
     Attributes
     ----------
-    hit : (k,) which of the nodes' rays meet anything
-    points, normals : (k, 3) where, world
-    distance_mm : (k,)
+    hit : (k,) mask of the nodes whose rays hit anything
+    points, normals : (k, 3) points hit and normals there, world
+    distance_mm : (k,) lengths of the rays
     """
 
     hit: IntArray
@@ -64,11 +65,11 @@ class Neighbours:
 
     Attributes
     ----------
-    coarse : (h, w) every fourth node, where the part is seen
-    face : (h, w) of all nodes
-    points : (n, 3) of the seen coarse nodes, world
-    around : what rays over the hemisphere meet, by cosine
-    mirrored : what is seen in the surface if it is polished, about the mirror's direction
+    coarse : (h, w) mask of every fourth node that sees the part
+    face : (h, w) faces of all nodes
+    points : (n, 3) points of the seen coarse nodes, world
+    around : hits of rays over the hemisphere, by cosine
+    mirrored : hits of rays about the mirror direction, visible in a polished surface
     """
 
     coarse: BoolArray
@@ -85,15 +86,15 @@ def find_neighbours(
     camera: Camera,
     others: RayCaster | None,
 ) -> Neighbours:
-    """Return the surfaces of part and gripper that throw light on to a surface.
+    """Return the surfaces of part and gripper that reflect light onto a surface.
 
     Parameters
     ----------
-    surface : what a grid of pixels sees of the part
-    caster : of the part's mesh, in the CAD frame
-    T_world_part : (4, 4) the pose it was seen in
-    camera : that saw it
-    others : what else throws light back, in the world (the gripper)
+    surface : visible surface of the part on a grid of pixels
+    caster : ray casting against the part's mesh, CAD frame
+    T_world_part : (4, 4) pose of the part
+    camera : camera of the picture
+    others : other reflecting bodies, world (the gripper)
     """
     number = np.full(surface.seen.shape, -1, dtype=np.int64)
     number[surface.seen] = np.arange(len(surface.points))
@@ -141,11 +142,11 @@ class Bounced:
 
     Attributes
     ----------
-    matt : thrown on the surface by matt neighbours
-    uneven : of that, what may change within a defect's width
-    mirrored : by a polished neighbour that mirrors the lamp, or a polished surface that mirrors its
-        neighbours
-    mirrored_uneven : of that, what may change within a defect's width
+    matt : light from matt neighbours
+    uneven : the portion of it that may change within a defect's width
+    mirrored : light from a polished neighbour that mirrors the lamp, or by a polished surface that
+        mirrors its neighbours
+    mirrored_uneven : the portion of it that may change within a defect's width
     """
 
     matt: Float32Array
@@ -155,15 +156,15 @@ class Bounced:
 
 
 def bounced_light(about: Neighbours, source: FloatArray, reference: float) -> Bounced:
-    """Return an upper bound of the light that part and gripper throw on each other, once.
+    """Return an upper bound on light reflected between part and gripper, after one bounce.
 
-    What a ray meets is taken to lie in the open before the lamp, and to throw back `ALBEDO` of what
-    falls there.
+    Each surface hit by a ray is assumed to lie in the open before the lamp, and to reflect
+    `ALBEDO` of the light on it.
 
     Parameters
     ----------
-    about : what stands about the surface
-    source : (3,) middle of the lamp, world
+    about : surroundings of the surface
+    source : (3,) centre of the lamp, world
     reference : distance [mm] at which the lamp's light counts as 1
     """
     count = len(about.points)
@@ -182,7 +183,7 @@ def bounced_light(about: Neighbours, source: FloatArray, reference: float) -> Bo
         light[met.hit, 0], normal[met.hit] = ALBEDO * matt, met.normals
         nearest_mm[met.hit] = np.minimum(nearest_mm[met.hit], met.distance_mm)
     if count:
-        # a plane in a mirror is as even as the light on it; anything else has borders, or glints
+        # A mirrored plane is as even as the light on it; other surfaces have borders or glints.
         same = np.linalg.norm(facing.mean(axis=0), axis=1) > EVEN_NORMALS
         most, least = lights.max(axis=0)[:, 0], lights.min(axis=0)[:, 0]
         image = np.where(same, most - least, most)
@@ -195,14 +196,14 @@ def bounced_light(about: Neighbours, source: FloatArray, reference: float) -> Bo
 
 
 def _unevenness(distance_mm: FloatArray, spread_rad: float) -> FloatArray:
-    """Return the share (k,) of light from a distance that may change within a defect's width."""
+    """Return the share (k,) of light from some distances that may change within a defect."""
     return 1.0 / (1.0 + (spread_rad * distance_mm / UNEVEN_MM) ** 2)
 
 
 def _thrown(
     met: Met, to: FloatArray, source: FloatArray, reference: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the light (k,) thrown back by the surfaces that rays met, if matt and if polished."""
+    """Return the light (k,) reflected by the surfaces hit by rays, if matt and if polished."""
     towards = source - met.points
     distance = lengths(towards)
     towards /= distance[:, None]
@@ -216,11 +217,11 @@ def _thrown(
 
 
 def _most_about(coarse: Float32Array, face: Int32Array) -> Float32Array:
-    """Return the maximum of every fourth node's light about each node (h, w), on its own face.
+    """Return the maximum of coarse nodes' light about each node (h, w), on its own face.
 
-    A wall met by no ray may still stand between two of them, and between two nodes. What falls on
-    the wall of a hole does not fall on the face around it; a face too small for a node of its own
-    takes what is near.
+    A wall hit by no ray may still lie between two rays, and between two nodes. Light on the wall of
+    a hole does not fall on the face around it. A face too small for a node of its own takes the
+    light nearby.
     """
     coarse_face = face[::BOUNCE_STEP, ::BOUNCE_STEP]
     own = np.full(face.shape, -1.0, dtype=np.float32)
@@ -235,9 +236,9 @@ def _most_about(coarse: Float32Array, face: Int32Array) -> Float32Array:
 
 
 def _between(coarse: Float32Array, face: Int32Array) -> Float32Array:
-    """Return light interpolated between every fourth node (h, w), within each face.
+    """Return light interpolated between coarse nodes (h, w), within each face.
 
-    Where none of the four around is of the own face, the most about counts.
+    Where none of the four nodes around lies on the same face, the maximum nearby is used.
     """
     coarse_face = face[::BOUNCE_STEP, ::BOUNCE_STEP]
     padded = np.pad(coarse, (0, 1)), np.pad(coarse_face, (0, 1), constant_values=-1)

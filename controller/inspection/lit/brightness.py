@@ -1,9 +1,9 @@
-"""Brightness of a part's surface under a lamp: fitted to the picture, with its own error.
+"""Brightness of a part's surface under a lamp, fitted to the picture, with its error.
 
-A finish throws back a matt share of the light, a highlight that is the sum of several lobes, and
-light that came from neighbouring surfaces. How much of each is found from the whole part in one
-picture, robustly and with no share below zero. How far the picture is off that, the more where
-highlights or bounced light make much of it, is the prediction's own error.
+A finish reflects a matt share of the light, a highlight modelled as a sum of lobes, and light from
+neighbouring surfaces. The shares are fitted to the whole part in one picture, robustly and with no
+share below zero. The deviation of the picture from the fit is the prediction's error; it is larger
+where highlights or bounced light dominate.
 """
 
 from dataclasses import dataclass
@@ -18,39 +18,39 @@ from .light import Light
 
 FIT_SAMPLE: Final = 4000
 ROUNDS: Final = 6
-OUTLYING: Final = 2.0  # robust standard deviations from which a node loses weight
-PIECES: Final = 5  # independent pieces of a face: a finish is alike all over it
+OUTLYING: Final = 2.0  # robust standard deviations from which a node has less weight
+PIECES: Final = 5  # number of independent pieces of a face, whose finish is alike all over it
 STRAY_GREY: Final = 5.0  # largest stray light, in grey levels of eight bits
-PRIOR_SHARE: Final = 1.0  # highlights up to this many times the matt share are ordinary
+PRIOR_SHARE: Final = 1.0  # usual strength of highlights, in matt shares
 MIN_ERROR: Final = 0.01  # least error, as a share of the brightness
 # Bins for the share of highlight and bounce in the brightness.
 SHARE_BINS: Final = (0.0, 0.15, 0.4, 0.7, 1.01)
-BIN_COUNT: Final = 60  # least number of nodes that show a spread
-UNKNOWN_SPREAD: Final = 0.35  # spread where too few nodes show one
-# Spread of a face that shows its tone at no node: it faces another direction.
+BIN_COUNT: Final = 60  # least number of nodes for a spread
+UNKNOWN_SPREAD: Final = 0.35  # spread assumed where there are too few nodes
+# Spread of a face whose tone no node shows, since it faces another direction.
 UNSEEN_SPREAD: Final = 0.15
-FACE_COUNT: Final = 60  # least number of nodes that show a face's own tone
+FACE_COUNT: Final = 60  # least number of nodes for the tone of a face
 FAINT_GREY: Final = 6.0
 # Gain [grey] of a matt surface square to the lamp, which a black picture has too.
 MIN_GAIN: Final = 1.0
 POLISHED: Final = 4.0  # peak of a polished finish's highlights, in matt shares
-TINY: Final = 1e-9  # keeps a lamp that shows nowhere from making a matrix singular
+TINY: Final = 1e-9  # regularisation, so that a lamp without visible light leaves the matrix regular
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Brightness:
-    """A picture's light as fitted; (h, w) each, grey.
+    """Fitted light of a picture; (h, w) each, grey.
 
     Attributes
     ----------
-    predicted : with shadows and bounced light
-    direct : without bounced light, whose bound changes by leaps
-    unshaded : as if nothing threw a shadow
-    spread, spread_open : relative standard deviation of the prediction, and of `unshaded`
-    tone : what the node's face is brighter than predicted as a whole, by its lit nodes
-    misfit : by how much a tenth of the fitted nodes is off, at least, as a share
+    predicted : prediction with shadows and bounced light
+    direct : prediction without bounced light, whose bound is discontinuous
+    unshaded : prediction without shadows
+    spread, spread_open : relative standard deviations of the prediction, and of `unshaded`
+    tone : brightness of the node's face as a whole relative to the prediction, from its lit nodes
+    misfit : share by which at least a tenth of the fitted nodes is off
     typical : median of the same
-    gloss : how polished the finish may be, from 0 to 1
+    gloss : highest possible polish of the finish, from 0 to 1
     """
 
     predicted: Float32Array
@@ -67,14 +67,14 @@ class Brightness:
 def fit_brightness(
     observed: Float32Array, light: Light, fitting: BoolArray, face: Int32Array
 ) -> Brightness:
-    """Return the brightness that a picture shows of a lamp's light.
+    """Return the brightness under a lamp, fitted to a picture.
 
     Parameters
     ----------
     observed : (h, w) grey
-    light : of the lamp
-    fitting : (h, w) nodes whose light is known well, some hundred at least
-    face : (h, w) met, -1 where none
+    light : bounds on the lamp's light
+    fitting : (h, w) mask of nodes with well-known light, some hundred at least
+    face : (h, w) face of each node, -1 for none
     """
     matt = 0.5 * (light.least + light.most)
     glints = [0.5 * (dim + bright) for dim, bright in light.glints]
@@ -89,7 +89,7 @@ def fit_brightness(
     unsure = np.linalg.norm(columns @ half, axis=-1) / np.maximum(predicted, FAINT_GREY)
     parts = [np.float32(k) * columns[..., i] for i, k in enumerate(shares)]
     direct = (predicted - parts[-2]).astype(np.float32)
-    # in the open a surface has the lamp's whole light; its highlight then is not known better
+    # In the open a surface has all of the lamp's light, but its highlight is no better known.
     columns[..., 0] = light.open
     unshaded = (columns @ shares.astype(np.float32)).astype(np.float32)
     unsure_open = np.linalg.norm(columns @ half, axis=-1) / np.maximum(unshaded, FAINT_GREY)
@@ -109,14 +109,14 @@ def fit_brightness(
 
 
 def _shares(lights: FloatArray, b: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return the shares (columns,) of light, none below 0, and their information matrix.
+    """Return the shares (columns,) of light, none negative, and their information matrix.
 
-    A matt surface is the first guess; highlights, bounced and stray light must be seen to be there.
+    The prior is a matt surface; highlights, bounced and stray light need evidence.
 
     Parameters
     ----------
-    lights, b : (n, columns) light, and (n,) grey, of some nodes
-    count : nodes that err independently
+    lights, b : (n, columns) light and (n,) grey level of some nodes
+    count : number of nodes with independent errors
     """
     scale = np.maximum(b, FAINT_GREY)
     gain = max(float(np.median(b / np.maximum(lights[:, 0], 1e-3))), MIN_GAIN)
@@ -127,7 +127,7 @@ def _shares(lights: FloatArray, b: FloatArray, count: int) -> tuple[FloatArray, 
     for _ in range(ROUNDS):
         weighed = lights * weight[:, None]
         pull = (PRIOR_SHARE * error * prior) ** 2 * (len(b) / count)
-        # the factor of the normal matrix has the same least squares, in as many rows as columns
+        # The factor of the normal matrix gives the same least squares with as many rows as columns.
         factor = np.linalg.cholesky(weighed.T @ weighed + np.diag(pull + TINY)).T
         solution, _ = nnls(factor, np.linalg.solve(factor.T, weighed.T @ (b * weight)))
         off = np.abs(b - lights @ solution) / scale
@@ -139,10 +139,10 @@ def _shares(lights: FloatArray, b: FloatArray, count: int) -> tuple[FloatArray, 
 
 
 def _gloss(shares: FloatArray, information: FloatArray) -> float:
-    """Return the highest possible polish of a finish, by highlights up to two deviations.
+    """Return the highest possible polish of a finish, from highlights plus two deviations.
 
-    A finish whose highlights are half as bright has wider ones, so that a mirror image in it is a
-    quarter as bright in one place.
+    A finish with highlights half as bright has wider ones, so a mirror image in it is a quarter as
+    bright at any place.
     """
     glints = slice(1, -2)
     unsure = float(np.sqrt(np.linalg.inv(information)[glints, glints].sum()))
@@ -165,7 +165,7 @@ def _tones(
             tone[i], known[i] = max(float(np.median(some)), 0.05), True
     common = float(np.median(tone[known])) if known.any() else 1.0
     between = np.abs(tone[known] / common - 1.0)
-    # of two or three faces the farthest off counts, of more the most of them
+    # Of two or three faces the farthest off counts, of more the majority.
     play = float(np.quantile(between, 0.75) / 0.8) if len(between) > 1 else UNKNOWN_SPREAD
     tone[~known] = common
     spread = np.where(known, 0.0, max(play, UNSEEN_SPREAD)).astype(np.float32)
@@ -173,13 +173,13 @@ def _tones(
 
 
 def _spread(rest: Float32Array, moving: Float32Array, fitting: BoolArray) -> Float32Array:
-    """Return the scatter of the prediction (h, w), by the share of highlight and bounce."""
+    """Return the scatter of the prediction (h, w) by the share of highlight and bounce."""
     where = np.digitize(moving, SHARE_BINS[1:-1])
     by_bin = np.full(len(SHARE_BINS) - 1, UNKNOWN_SPREAD, dtype=np.float32)
     known, seen = rest[fitting], where[fitting]
     for i in range(len(by_bin)):
         some = known[seen == i]
         if len(some) >= BIN_COUNT:
-            # half of the nodes say nothing of the others: the wider part counts
+            # The median ignores half of the nodes, so the wider of both measures counts.
             by_bin[i] = max(1.4826 * float(np.median(some)), float(np.quantile(some, 0.9)) / 1.645)
     return by_bin[where]

@@ -1,7 +1,7 @@
-"""Area where a defect would show: the share of one about each node that was compared.
+"""Share of a defect about each compared node that would be visible.
 
-A face ends at its edges, and so does a defect on it: of one that reaches over an edge, what counts
-is the part on the face itself. The rest belongs to the neighbour.
+A face ends at its edges, and so does a defect on it. For a defect that extends over an edge, only
+the portion on the face itself counts; the rest belongs to the neighbour.
 """
 
 import cv2
@@ -11,7 +11,7 @@ from controller.arrays import BoolArray, Float32Array, Int32Array
 
 
 def share_of_face(mask: BoolArray, face: Int32Array, size_nodes: float) -> Float32Array:
-    """Return the share of a defect about each node, cut by its face, on a mask (h, w).
+    """Return the share (h, w) of a defect about each node, cut by its face, that lies on a mask.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def share_of_face(mask: BoolArray, face: Int32Array, size_nodes: float) -> Float
 
 
 def near_own_face(mask: BoolArray, face: Int32Array, size_nodes: float) -> BoolArray:
-    """Return the nodes (h, w) with a mask's nearest node on their own face, half a defect off.
+    """Return a mask (h, w) of nodes within half a defect of a mask's node on their own face.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Comparison of a lit picture with its fitted light: where light or shadow is wrong.
+"""Comparison of a lit picture with its fitted light, for wrong light or shadow.
 
-Only what no finish explains is wrong here: a surface that must be lit is less than half as bright
-as its face's light says, or one in full shadow is nearly as bright as its face in the open; through
-a hole the wall behind must be seen. How well the light is known is the fit's own error; where
-that leaves room for such a difference, nothing is compared, and it says so.
+Only differences that no finish explains are wrong: a surface that must be lit is less than half as
+bright as its face's light predicts, or one in full shadow is nearly as bright as its face in the
+open; through a hole, the wall behind must be visible. The uncertainty of the light is the error of
+the fit; where it allows such a difference, nothing is compared, and the reason is recorded.
 """
 
 from dataclasses import dataclass
@@ -21,35 +21,36 @@ from .light import Light
 from .surface import Surface
 
 SHADED: Final = 0.02  # share of the open light below which a shadow is full
-STEEPEST: Final = 0.15  # cosine below which a surface is seen in too few nodes
-FITTED_LIGHT: Final = 0.25  # least light that fixes a gain
+STEEPEST: Final = 0.15  # cosine of incidence below which a surface has too few nodes
+FITTED_LIGHT: Final = 0.25  # least light of a node used to fit a gain
 FITTED_COUNT: Final = 150
-# Error as a share of the brightness above which no fit explains the picture.
+# Error, as a share of the brightness, above which the fit does not explain the picture.
 WORST_TYPICAL: Final = 0.3
 SCATTERS: Final = 3.0
-MIN_SPREAD: Final = 0.05  # least spread of a prediction, by lens and beam
-HALF: Final = 0.5  # what is found: half as bright as predicted, or
+MIN_SPREAD: Final = 0.05  # least spread of a prediction, from lens and beam
+HALF: Final = 0.5  # change of brightness to detect: to half of the prediction, or to `TWICE`
 TWICE: Final = 2.0
 UNLIT_GREY: Final = 25.0
 PENUMBRA_SHARE: Final = 0.25
-# Bounced light, in that of a matt surface square to the lamp, above which it is uncertain.
+# Bounced light above which a node is uncertain, in units of a matt surface square to the lamp.
 BOUNCE: Final = 0.15
-GLOSS: Final = 3.0  # light from glossy neighbours in one direction, in that of matt ones
+GLOSS: Final = 3.0  # light from glossy neighbours in one direction, relative to matt ones
 BURNT_GREY: Final = 252
-MAX_BURNT: Final = 0.5  # largest burnt out share of the lit surface; the rest is still compared
-# Share of a face's nodes off together from which its light is not understood.
+MAX_BURNT: Final = 0.5  # largest burnt-out share of the lit surface; the rest is still compared
+# Share of a face's nodes that are wrong together, from which its light is not understood.
 WHOLE_FACE: Final = 0.6
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Compared:
-    """A lit picture compared on a grid; (h, w) each.
+    """Comparison of a lit picture on a grid; (h, w) each.
 
     Attributes
     ----------
-    wrong : brighter or darker than anything predicted
-    compared : where half as bright or twice as bright would stand out
-    reason : elsewhere on the part why not, as number of `Unjudged` from 1, else 0
+    wrong : mask of nodes brighter or darker than any prediction
+    compared : mask of nodes where half or twice the brightness would stand out
+    reason : reason why other nodes on the part were not compared, as a number of `Unjudged` from 1;
+        0 for none
     """
 
     wrong: BoolArray
@@ -58,18 +59,18 @@ class Compared:
 
 
 def in_penumbra(light: Light) -> BoolArray:
-    """Return a mask (h, w) of the nodes on which a shadow's border may fall."""
+    """Return a mask (h, w) of nodes on which a shadow's border may fall."""
     return np.asarray(light.most - light.least >= PENUMBRA_SHARE * light.open)
 
 
 def fitted_nodes(surface: Surface, light: Light, valid: BoolArray) -> BoolArray:
-    """Return the nodes (h, w) whose light is certain enough to fit a picture's brightness.
+    """Return a mask (h, w) of nodes with light certain enough to fit a picture's brightness.
 
     Parameters
     ----------
-    surface : what the nodes see
-    light : of the lamp
-    valid : inside the outline, and not beside the gripper
+    surface : surface seen by the nodes
+    light : bounds on the lamp's light
+    valid : mask inside the outline, and not beside the gripper
     """
     out: BoolArray = surface.seen & valid & ~in_penumbra(light) & (light.bounced.matt < BOUNCE)
     return out & (light.least > FITTED_LIGHT) & (surface.cosine > STEEPEST)
@@ -90,12 +91,12 @@ def compare(
     Parameters
     ----------
     observed : (h, w) grey, hardly smoothed
-    surface : what the nodes see of the part
-    light : bounds of the lamp's light on it
-    brightness : as fitted to the picture
-    valid : inside the outline, and not beside the gripper, nor in its shadow
-    ground : how bright the wall behind the part is
-    limits : what has to agree
+    surface : surface of the part seen by the nodes
+    light : bounds on the lamp's light on it
+    brightness : brightness fitted to the picture
+    valid : mask inside the outline, not beside the gripper or in its shadow
+    ground : brightness of the wall behind the part
+    limits : limits of the differences
     flattest : least cosine at which a surface is compared
     """
     seen = surface.seen
@@ -106,7 +107,7 @@ def compare(
     middle = brightness.predicted * brightness.tone
     unshaded = brightness.unshaded * brightness.tone
     scale = middle / np.maximum(0.5 * (light.least + light.most), 1e-3)
-    # the shadow's border, and a surface turned by a degree, in the picture's own grey
+    # Effects of a shadow's border, and of a surface turned by a degree, in grey levels.
     half_width = 0.5 * (light.most - light.least)
     width = np.where(light.most > 0.02, scale * half_width, 0.0)
     low = np.maximum(middle - width, 0.0) * (1 - np.minimum(play, 1.0))
@@ -117,7 +118,7 @@ def compare(
     penumbra = in_penumbra(light)
     high = np.where(penumbra, np.maximum(high, unshaded * (1 + play) + bounced), high)
     kernel = np.ones((3, 3), np.uint8)
-    # the pose may be off by a node: what lies beside a pixel may lie in it
+    # The pose may be off by a node, so the neighbourhood of a pixel may lie in it.
     brightest = cv2.dilate(np.where(seen, high, np.float32(ground)).astype(np.float32), kernel)
     darkest = cv2.erode(np.where(seen, low, np.float32(0)).astype(np.float32), kernel)
     bare = cv2.dilate(np.where(seen, own, np.float32(ground)).astype(np.float32), kernel)
@@ -125,7 +126,7 @@ def compare(
     top, bottom = brightest + floor, darkest - floor
     stands_out = (bottom >= HALF * middle) & (top <= TWICE * middle)
     lit = (middle >= UNLIT_GREY) & (light.most >= 0.5 * FITTED_LIGHT)
-    # a shadow that is not there makes its surface as bright as in the open
+    # Where a shadow is absent, its surface is as bright as in the open.
     shaded = ((light.most < SHADED * light.open) | ~seen).astype(np.uint8)
     dark: BoolArray = seen & (cv2.erode(shaded, kernel) > 0) & (light.open > FITTED_LIGHT)
     dark &= (bounced < HALF * unshaded) & (play_open < HALF)
@@ -145,7 +146,7 @@ def compare(
         (odd | (play > HALF), Unjudged.LIGHT),
         (burnt, Unjudged.HIGHLIGHT),
         (bounced > 0.4 * middle, Unjudged.BOUNCE),
-        # what neighbours may add alone makes twice as bright possible
+        # Light from neighbours alone may double the brightness.
         ((top > TWICE * middle) & (bare + floor <= TWICE * middle), Unjudged.BOUNCE),
         (penumbra, Unjudged.PENUMBRA),
         (~lit, Unjudged.UNLIT),
@@ -157,11 +158,11 @@ def compare(
 
 
 def _odd_faces(wrong: BoolArray, surface: Surface, valid: BoolArray) -> BoolArray:
-    """Return the nodes (h, w) of faces that are wrong as a whole: their light is not understood."""
+    """Return a mask (h, w) of faces that are wrong as a whole: their light is not understood."""
     judged = surface.seen & valid
     count = int(surface.face.max()) + 2
     all_of = np.bincount(surface.face[judged], minlength=count)
     off_of = np.bincount(surface.face[wrong & judged], minlength=count)
     odd = off_of > WHOLE_FACE * np.maximum(all_of, 1)
-    odd[-1] = False  # nothing met
+    odd[-1] = False  # no face
     return np.asarray(odd[surface.face])

@@ -1,9 +1,9 @@
-"""Appearance of good parts, view by view: what a surface looks like, and how far good ones differ.
+"""Appearance of good parts, view by view: the mean look of surfaces, and its scatter.
 
-Light that goes from face to face, soft shadows and edges are what a prediction from the CAD model
-knows least, and what good parts show best. What is kept of them is the ratio of picture to
-prediction, so that small changes of the pose are mostly in the prediction, and the scatter of each
-filter's answers to it from part to part.
+A prediction from the CAD model is least certain for light between faces, soft shadows and edges,
+which good parts show best. The ratio of picture to prediction is stored, so that the prediction
+accounts for most of a small change of pose; and the scatter of each filter's responses to it
+between parts.
 """
 
 from collections.abc import Mapping
@@ -19,27 +19,28 @@ from controller.imaging import Camera, inverse_pose, rotation_angle, transform
 from .brightness import Brightness
 from .surface import Surface
 
-DARK_GREY: Final = 3.0  # added before the logarithm: what is black may differ by the sensor's noise
-DARKEST_GREY: Final = 6.0  # a surface darker than this shows nothing
-# Poses farther from the learned ones than these are, by this factor, are not served.
+# Offset before the logarithm, so that the sensor's noise in black areas has little effect.
+DARK_GREY: Final = 3.0
+DARKEST_GREY: Final = 6.0  # level below which a surface shows nothing
+# Largest deviation of a pose, as a factor of the learned poses' own reach.
 BEYOND: Final = 1.5
-MIN_REACH_MM: Final = 0.3  # of the arm: what one commanded pose comes to
+MIN_REACH_MM: Final = 0.3  # least reach, from the repeatability of the arm
 MIN_REACH_RAD: Final = float(np.radians(0.4))
-SAME_DEPTH_MM: Final = 0.5  # farther behind or before the learned surface is another surface
-# Picture noisier than the noisiest learned one by this factor: another finish, lamp or focus.
+SAME_DEPTH_MM: Final = 0.5  # largest difference of depth on the same surface
+# Noise of a picture relative to the noisiest learned one, above which finish, lamp or focus differ.
 OTHER_FINISH: Final = 1.6
-COARSE: Final = 2  # nodes to a value of the stored scatter, which changes slowly
+COARSE: Final = 2  # nodes per value of the stored scatter, which changes slowly
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LearnedPicture:
-    """One lamp's picture of good parts in one view.
+    """Learned picture of good parts in one view under one lamp.
 
     Attributes
     ----------
     mean : (h, w) logarithm of the ratio of picture to prediction; nan where too few parts show it
-    scatter : (filters, h / 2, w / 2) standard deviation of each filter's answers between parts
-    usual : of a part's answers, by these deviations, the median; the largest of the parts
+    scatter : (filters, h / 2, w / 2) standard deviation of each filter's responses between parts
+    usual : median of a part's responses in these deviations; the largest of all parts
     """
 
     mean: Float32Array
@@ -53,14 +54,14 @@ class LearnedView:
 
     Attributes
     ----------
-    camera : that saw it
+    camera : camera of the view
     T_world_part : (4, 4) pose of the grid
     corner_px : x, y of the grid's first node
-    step_px : distance of its nodes
-    depth_mm : (h, w) of the surface along the camera's axis, 0 where the part is not
-    reach_mm, reach_rad : farthest learned pose from that of the grid
-    parts : how many it was learned from
-    pictures : by lamp
+    step_px : distance between its nodes
+    depth_mm : (h, w) depth of the surface along the camera's axis, 0 off the part
+    reach_mm, reach_rad : largest deviation of a learned pose from that of the grid
+    parts : number of parts that it was learned from
+    pictures : learned pictures by lamp
     """
 
     camera: Camera
@@ -74,11 +75,11 @@ class LearnedView:
     pictures: Mapping[str, LearnedPicture]
 
     def away(self, camera: Camera, T_world_part: FloatArray, p_part_mm: FloatArray) -> float:
-        """Return how far a pose is beyond the learned ones; above 1 it is not served.
+        """Return the deviation of a pose in units of the allowed one; above 1 it is not served.
 
         Parameters
         ----------
-        camera : of the other view
+        camera : camera of the other view
         T_world_part : (4, 4) pose there
         p_part_mm : (3,) middle of the part
         """
@@ -98,9 +99,9 @@ class Known:
 
     Attributes
     ----------
-    mask : (h, w) where it is known
+    mask : (h, w) mask of the nodes where it is known
     mean : (h, w) logarithm of the ratio of picture to prediction
-    scatter : (filters, h, w) between parts
+    scatter : (filters, h, w) standard deviation between parts
     usual : see `LearnedPicture`
     """
 
@@ -116,7 +117,7 @@ def ratio(observed: Float32Array, brightness: Brightness) -> Float32Array:
     Parameters
     ----------
     observed : (h, w) grey
-    brightness : as fitted to the picture
+    brightness : brightness fitted to the picture
     """
     expected = np.maximum(brightness.direct, np.float32(0)) + np.float32(DARK_GREY)
     return np.asarray(np.log((observed + np.float32(DARK_GREY)) / expected), np.float32)
@@ -125,13 +126,13 @@ def ratio(observed: Float32Array, brightness: Brightness) -> Float32Array:
 def on_grid(
     view: LearnedView, surface: Surface, T_world_part: FloatArray
 ) -> tuple[Float32Array, Float32Array, BoolArray]:
-    """Return columns, rows and a mask (h, w): where a view's grid has another picture's nodes.
+    """Return the columns and rows on a view's grid of another picture's nodes, and a mask (h, w).
 
     Parameters
     ----------
-    view : learned
-    surface : what the nodes of the other picture see
-    T_world_part : (4, 4) the pose there
+    view : learned view
+    surface : surface seen by the nodes of the other picture
+    T_world_part : (4, 4) pose there
     """
     T = view.T_world_part @ inverse_pose(T_world_part)
     points = transform(T, surface.points)
@@ -149,12 +150,12 @@ def on_grid(
 def regridded(
     values: Float32Array, columns: Float32Array, rows: Float32Array, near: BoolArray
 ) -> Float32Array:
-    """Return a map on another grid (h, w), nan where it is not known.
+    """Return a map on another grid (h, w); nan where unknown.
 
     Parameters
     ----------
-    values : the map, nan where nothing is known
-    columns, rows, near : of the other grid's nodes, as `on_grid` has them
+    values : the map; nan where unknown
+    columns, rows, near : columns, rows and mask of the other grid's nodes, from `on_grid`
     """
     nan = float("nan")
     moved = cv2.remap(values, columns, rows, cv2.INTER_LINEAR, borderValue=nan)
@@ -164,14 +165,14 @@ def regridded(
 def known_at(
     view: LearnedView, lamp: str, surface: Surface, T_world_part: FloatArray
 ) -> Known | None:
-    """Return what good parts look like on the nodes of a picture; None for a lamp not learned.
+    """Return the appearance of good parts at the nodes of a picture; None for an unlearned lamp.
 
     Parameters
     ----------
-    view : learned
-    lamp : of the picture
-    surface : what its nodes see
-    T_world_part : (4, 4) the part's pose in it
+    view : learned view
+    lamp : lamp of the picture
+    surface : surface seen by its nodes
+    T_world_part : (4, 4) pose of the part in it
     """
     picture = view.pictures.get(lamp)
     if picture is None:
@@ -187,14 +188,14 @@ def known_at(
 
 
 def contrast(ratios: Float32Array, mean: Float32Array, mask: BoolArray) -> Float32Array:
-    """Return how much brighter a picture is than good parts (h, w), as a share; 0 off the mask.
+    """Return the contrast (h, w) of a picture against good parts, as a share; 0 off the mask.
 
-    What the whole picture is brighter by is its lamp's and the albedo's, and is left out.
+    The brightness of the whole picture is due to lamp and albedo, and is removed.
 
     Parameters
     ----------
-    ratios, mean : (h, w) of the picture, and of good parts
-    mask : (h, w) where both are known
+    ratios, mean : (h, w) logarithms of the picture, and of good parts
+    mask : (h, w) mask of the nodes where both are known
     """
     off = np.where(mask, ratios, np.float32(0)) - np.where(mask, mean, np.float32(0))
     if mask.any():
@@ -204,11 +205,11 @@ def contrast(ratios: Float32Array, mean: Float32Array, mask: BoolArray) -> Float
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Appearance:
-    """Appearance of good parts in all views that they were shown in.
+    """Appearance of good parts in all learned views.
 
     Attributes
     ----------
-    views : learned
+    views : learned views
     p_part_mm : (3,) middle of the part
     """
 
@@ -216,12 +217,12 @@ class Appearance:
     p_part_mm: FloatArray
 
     def view(self, camera: Camera, T_world_part: FloatArray) -> LearnedView | None:
-        """Return the learned view nearest to a pose, None where all are too far from it.
+        """Return the learned view nearest to a pose; None if all are too far from it.
 
         Parameters
         ----------
-        camera : that sees it
-        T_world_part : (4, 4) the pose
+        camera : camera of the view
+        T_world_part : (4, 4) pose of the part
         """
         away = [
             view.away(camera, T_world_part, self.p_part_mm)
@@ -235,5 +236,5 @@ class Appearance:
 
 
 def _is_alike(one: Camera, other: Camera) -> bool:
-    """Return True for cameras of one picture size, whose pixels show the same to a hundredth."""
+    """Return True for cameras with equal picture sizes and pixel scales equal to a hundredth."""
     return one.size_px == other.size_px and bool(np.allclose(one.K, other.K, rtol=0.01, atol=10.0))

@@ -1,9 +1,9 @@
-"""Bounds on the brightness of a posed part under a lamp: not a picture.
+"""Bounds on the brightness of a posed part under a lamp, not a rendered picture.
 
-What is known: where the part is, to a fraction of a millimetre, and about where the lamp's light
-comes from. What is not: how large the lamp is, how its light spreads, how the finish throws it
-back, what light goes from surface to surface. So each pixel gets the least and the most light that
-fit what is known, the angle at which a highlight would fall, and a bound for bounced light.
+The place of the part is known to a fraction of a millimetre, and the place of the lamp roughly. The
+size of the lamp, the spread of its light, the reflectance of the finish and the light between
+surfaces are unknown. Each pixel therefore has the least and the most light consistent with the
+known data, the angle at which a highlight would fall, and a bound on bounced light.
 """
 
 from dataclasses import dataclass
@@ -29,12 +29,12 @@ class Light:
 
     Attributes
     ----------
-    least, most : without highlight and bounce
-    open : as if nothing threw a shadow
-    bounced : at most, on top
-    glints : by width of the highlight (`HIGHLIGHT_WIDTHS_RAD`), its least and its most
-    touched : the gripper keeps light away
-    partly : part of the lamp may be hidden
+    least, most : bounds without highlight and bounce
+    open : light without shadows
+    bounced : largest additional light from bounces
+    glints : bounds on the highlight, by its width (`HIGHLIGHT_WIDTHS_RAD`)
+    touched : mask of nodes where the gripper blocks light
+    partly : mask of nodes from which a portion of the lamp may be hidden
     """
 
     least: Float32Array
@@ -55,17 +55,17 @@ def bound_light(
     others: RayCaster | None,
     about: Neighbours,
 ) -> Light:
-    """Return the bounds of a lamp's light on a surface.
+    """Return the bounds on a lamp's light on a surface.
 
     Parameters
     ----------
-    surface : what a grid of pixels sees of the part
-    caster : of the part's mesh, in the CAD frame
-    T_world_part : (4, 4) the pose it was seen in
-    camera : that saw it
-    lamp : in the world
-    others : what else throws shadows, in the world (the gripper that holds the part)
-    about : what stands about the surface
+    surface : visible surface of the part on a grid of pixels
+    caster : ray casting against the part's mesh, CAD frame
+    T_world_part : (4, 4) pose of the part
+    camera : camera of the picture
+    lamp : the lamp, world
+    others : other bodies that cast shadows, world (the gripper that holds the part)
+    about : surroundings of the surface
     """
     seen, points, normals = surface.seen, surface.points, surface.normals
     shape = seen.shape
@@ -77,7 +77,7 @@ def bound_light(
     start_part = transform(T_part_world, start)
     to_camera = camera.position_mm - points
     to_camera /= lengths(to_camera)[:, None]
-    # of the nodes that see the part, in order
+    # For the nodes that see the part, in order.
     least, most, bare = (np.zeros(len(points), dtype=np.float32) for _ in range(3))
     dims, brights = (
         np.zeros((len(HIGHLIGHT_WIDTHS_RAD), len(points)), dtype=np.float32) for _ in range(2)
@@ -94,10 +94,10 @@ def bound_light(
         lit = np.flatnonzero(cosine > -COSINE_PLAY)
         free = np.zeros(len(points), dtype=bool)
         free[lit] = ~caster.blocked(start_part[lit], unit[lit] @ T_world_part[:3, :3])
-        # a coarse facet may turn from the lamp where the surface it stands for does not
+        # A coarse facet may face away from the lamp where the true surface does not.
         free &= inner(unit, surface.facets) > -COSINE_PLAY
         if others is not None:
-            # what stands behind the lamp takes none of its light
+            # Objects behind the lamp block none of its light.
             touched[lit] |= others.blocked(start[lit], unit[lit], distance[lit])
         fall = (reference / distance) ** 2
         wide, near = np.zeros(shape, dtype=np.uint8), np.ones(shape, dtype=np.uint8)
@@ -125,7 +125,7 @@ def bound_light(
     shaded = np.zeros(shape, dtype=bool)
     shaded[seen] = touched
 
-    # how the light is spread over a ring is not known: where part of it shines all of it may
+    # The distribution of light over a ring is unknown: a visible portion may have all of it.
     partly = (reached > 0.01) & (reached < 0.99)
     most = np.where(partly[seen], np.maximum(most, bare), most)
     return Light(

@@ -1,7 +1,7 @@
-"""Marks -> findings: their extent in the full picture, their kind, and their place.
+"""Findings from marks: extent in the full picture, kind, and place.
 
-A speck of dust is as small as the blur allows and is no defect; a mark is measured in the picture
-itself, by where it keeps half of its contrast.
+A speck of dust is as small as the blur allows and is no defect. The size of a mark is measured in
+the picture itself, at half of its contrast.
 """
 
 from typing import Final
@@ -21,9 +21,9 @@ from .texture import Texture
 BLUR_PX: Final = 1.65  # full width at half maximum of a point through a good lens
 SOFT_PX: Final = 0.7  # smoothing that removes the noise of single pixels from a speck
 BORDER_PX: Final = 3  # width along a face's border in which blur mixes in its neighbours
-WIDTH: Final = 2.355  # full width at half maximum of a bell, in standard deviations
+WIDTH: Final = 2.355  # full width at half maximum of a Gaussian, in standard deviations
 LONG: Final = 3.0  # ratio of length to width from which a mark is a line
-MAX_MARKS: Final = 40  # marks of a picture; a face with more has a coarse finish
+MAX_MARKS: Final = 40  # largest number of marks in a picture; more come from a coarse finish
 BOTH_SIDES: Final = 0.4  # least strength of a dent's darker side, as a share of its brighter side
 STAIN_MM: Final = 3.0  # width from which a mark of one sign is a stain
 
@@ -39,17 +39,17 @@ def local_findings(
     lamp_name: str,
     step_px: int,
 ) -> list[Finding]:
-    """Return the marks of a picture beyond its texture, the strongest first.
+    """Return the marks of a picture beyond its texture, strongest first.
 
     Parameters
     ----------
-    answer : of the filters to the texture
-    texture : of the picture's faces
-    picture : (height, width) grey, for what is smaller than a node
-    surface : what the nodes see
+    answer : responses of the filters to the texture
+    texture : texture of the picture's faces
+    picture : (height, width) grey, for details smaller than a node
+    surface : surface seen by the nodes
     part, fit, task : the part, its pose, the view
-    lamp_name : of the picture
-    step_px : of the nodes
+    lamp_name : lamp of the picture
+    step_px : distance between the nodes
     """
     height = np.abs(answer.excess)
     strength = height / answer.limit
@@ -166,12 +166,12 @@ def is_dust(
     Parameters
     ----------
     picture : (height, width) grey
-    corner_px : x, y where the nodes begin
-    peak : row and column of the node that answers most
-    step_px : of the nodes
-    dust_mm : of the largest speck
-    surface : what the nodes see
-    length_mm : of the mark, as the nodes have it
+    corner_px : x, y of the first node
+    peak : row and column of the node with the largest response
+    step_px : distance between the nodes
+    dust_mm : size of the largest speck
+    surface : surface seen by the nodes
+    length_mm : length of the mark, measured on the nodes
     """
     node_mm = float(surface.node_mm[peak])
     px_mm = node_mm / step_px
@@ -186,7 +186,7 @@ def is_dust(
     own = surface.face[rows[:, None] // step_px, columns // step_px] == surface.face[peak]
     values = picture[y0 + rows[:, None], x0 + columns].astype(np.float32)
     soft = np.asarray(cv2.GaussianBlur(values, (0, 0), SOFT_PX))
-    # of its own face alone: beside a narrow one others are brighter or darker
+    # Use its own face alone: beside a narrow face, others are brighter or darker.
     level = np.full(soft.shape, float(np.median(soft[own])))
     # and blur brings them into it: what all along the border has is no mark
     inwards = cv2.distanceTransform(own.astype(np.uint8), cv2.DIST_C, 3)

@@ -1,4 +1,4 @@
-"""Surface of a posed part on a grid of a picture's pixels."""
+"""Visible surface of a posed part on a grid of pixels."""
 
 from dataclasses import dataclass
 
@@ -11,16 +11,16 @@ from controller.imaging import Camera, ViewMaps, inverse_pose, transform
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Surface:
-    """Surface met by the lines of sight of a grid of pixels; all arrays are of that grid.
+    """Surface hit by the lines of sight of a grid of pixels; all arrays are on that grid.
 
     Attributes
     ----------
-    seen : (h, w) the part is met
-    points, normals : (n, 3) world, of the seen pixels in order; normals of the recognised surface
-    face : (h, w) face met, -1 where none
-    cosine : (h, w) of the angle at which the surface is seen, 0 where the part is not
-    area_mm2 : (h, w) of surface in a pixel of the full picture
-    depth_mm : (h, w) along the camera's axis, 0 where the part is not
+    seen : (h, w) mask of pixels on the part
+    points, normals : (n, 3) world, for these pixels in order; normals of the recognised surface
+    face : (h, w) face hit, -1 for none
+    cosine : (h, w) cosine of the angle of incidence, 0 off the part
+    area_mm2 : (h, w) surface area in a pixel of the full picture
+    depth_mm : (h, w) depth along the camera's axis, 0 off the part
     node_mm : (h, w) side of a node square to the line of sight
     """
 
@@ -43,10 +43,10 @@ def find_surface(
     Parameters
     ----------
     solid : the part
-    maps : its `ViewMaps`, of every ``step_px``-th pixel of their region
-    T_world_part : (4, 4) [mm], as the maps were made with
-    camera : likewise
-    step_px : distance of the grid's pixels
+    maps : its `ViewMaps` for every ``step_px``-th pixel of their region
+    T_world_part : (4, 4) [mm] pose of the maps
+    camera : camera of the maps
+    step_px : distance between the grid's pixels
     """
     seen = maps.mask
     x0, y0, x1, y1 = maps.roi

@@ -1,9 +1,9 @@
-"""Texture of a lit picture: the rest beside smooth faces, with the local defects in it.
+"""Texture of a lit picture: residuals about smooth faces, including local defects.
 
-How bright a face is as a whole, and how that changes across it, is the finish's and the lamp's and
-is taken from the picture itself, guided by the prediction. What a face keeps is its contrast, as a
-share of its brightness: the finish's texture, camera noise, and whatever is local on it. Near what
-the CAD model says is no smooth face (edges, borders of shadows) nothing is compared.
+The brightness of a face as a whole, and its slow change across the face, depend on finish and lamp;
+both are taken from the picture itself, guided by the prediction. The residual is the contrast of
+the face, as a share of its brightness: texture of the finish, camera noise and local marks. Near
+edges and borders of shadows predicted from the CAD model, nothing is compared.
 """
 
 from dataclasses import dataclass
@@ -16,18 +16,18 @@ from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, i
 
 from .surface import Surface
 
-# Cosine between nodes: no smooth face turns faster.
+# Least cosine between neighbouring nodes' normals on a smooth face.
 CREASE_COSINE: Final = float(np.cos(np.radians(8.0)))
 DEPTH_STEP: Final = 4.0  # largest step between nodes, in that of a plane seen as flat as allowed
-MIN_REGION: Final = 60  # least number of nodes that fix the course of a face's brightness
+MIN_REGION: Final = 60  # least number of nodes for the course of a face's brightness
 FITTED_COUNT: Final = 3000  # largest number of a face's nodes in the fit
 ROUNDS: Final = 4
 OUTLYING: Final = 2.5  # robust standard deviations from which a node loses weight
-SLOW_NODES: Final = 14.0  # length over which slower changes are the finish's or the light's
+SLOW_NODES: Final = 14.0  # length above which changes are due to finish or light
 DARKEST_GREY: Final = 6.0  # level below which contrast is relative to this level
 # Ratio of the spreads of a ruled face's normals, along its lines and across them.
 RULED: Final = 0.05
-RULED_COUNT: Final = 40  # nodes to a bin of normals
+RULED_COUNT: Final = 40  # number of nodes per bin of normals
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -73,7 +73,7 @@ def feature_edges(surface: Surface) -> BoolArray:
 def learned_texture(contrast: Float32Array, smooth: Float32Array, mask: BoolArray) -> Texture:
     """Return the texture of a picture against good parts.
 
-    What these look like is known across borders of shadows and faces: it is one region.
+    Their appearance is known across borders of shadows and faces, so everything is one region.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def find_texture(
     Parameters
     ----------
     observed : (h, w) grey
-    surface : what its nodes see
+    surface : surface seen by its nodes
     usable : (h, w) on smooth faces, off edges and borders of shadows, so that pieces of two faces
         do not touch
     predicted : (h, w) grey, to any factor face by face
@@ -170,7 +170,7 @@ def _smooth(
 def _ruled(rest: FloatArray, normals: Float32Array) -> FloatArray:
     """Return the values common to each straight line of a face bent one way (n,), else zeros.
 
-    Along a cylinder's lines the normal is the same, and so is what the lamp makes of it.
+    Along a cylinder's straight lines the normal is constant, and so is the effect of the lamp.
     """
     centred = normals - normals.mean(axis=0)
     values, directions = np.linalg.eigh(centred.T @ centred)
@@ -186,7 +186,7 @@ def _ruled(rest: FloatArray, normals: Float32Array) -> FloatArray:
 
 
 def _slow(values: Float32Array, weight: Float32Array) -> Float32Array:
-    """Return a slow weighted mean of values (h, w), with weights 0 or 1."""
+    """Return a weighted moving mean of values (h, w), with weights 0 or 1."""
     top = cv2.GaussianBlur(values * weight, (0, 0), SLOW_NODES)
     bottom = cv2.GaussianBlur(weight, (0, 0), SLOW_NODES)
     return np.asarray(top / np.maximum(bottom, 1e-3), np.float32)
