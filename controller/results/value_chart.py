@@ -1,4 +1,4 @@
-"""A chart of values in the order measured, as SVG: limits, control limits, marks, groups."""
+"""SVG chart of values in the order measured: limits, control limits, marks, groups."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ def _written(value: float, digits: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A level across the chart: its value, its name, and whether it is a limit or a control."""
+    """A level across the chart: its value, its name, and its kind (limit or control limit)."""
 
     value: float
     name: str

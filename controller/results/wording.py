@@ -3,7 +3,7 @@
 from datetime import datetime
 from typing import Final
 
-# expanded uncertainties are this many standard ones
+# Coverage factor k: an expanded uncertainty in standard ones.
 K_U: Final = 2
 
 

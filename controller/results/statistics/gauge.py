@@ -13,7 +13,7 @@ from scipy import special
 
 from controller.arrays import FloatArray
 
-# An interaction of parts and set-ups less sure than this is counted as scatter (S23).
+# Significance level above which an interaction of parts and set-ups is pooled with scatter (S23).
 POOL_P: Final = 0.25
 # categories: sqrt(2), cut to two digits as the manual has it
 NDC_FACTOR: Final = 1.41
@@ -44,7 +44,7 @@ class GaugeStudy:
 
     @property
     def grr(self) -> float:
-        """Variance of the gauge: all but the parts."""
+        """Variance of the gauge: all components except that of the parts."""
         return self.repeatability + self.setup + (self.interaction or 0.0)
 
 
@@ -60,7 +60,7 @@ class Bias:
 
     @property
     def is_significant(self) -> bool:
-        """Whether there is a bias at all."""
+        """True if there is a significant bias."""
         return not self.lower <= 0 <= self.upper
 
 

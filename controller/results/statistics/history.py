@@ -1,4 +1,4 @@
-"""The values of a recipe's parts, in the order measured, from the journal; never writes."""
+"""Values of a recipe's parts from the journal, in the order measured; read only."""
 
 import sqlite3
 from collections.abc import Mapping

@@ -20,7 +20,7 @@ CONFIDENCE: Final = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """The variance of one level, or of several that cannot be told apart.
+    """Variance of one level, or of several that cannot be separated.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ def nested_study(
     for name, member, count in zip(names, members, counts, strict=True):
         if count > before:
             kept.append(([name], member, count - before))
-        elif kept:  # each group has one member: it cannot be told from it
+        elif kept:  # each group has one member, so the two levels cannot be separated
             kept[-1][0].append(name)
         else:
             hidden.append(name)
@@ -143,7 +143,7 @@ def _analysis(x: FloatArray, members: Sequence[IntArray]) -> tuple[FloatArray, F
 
 
 def _sum_of_squares(x: FloatArray, member: IntArray) -> float:
-    centred = x - x.mean()  # the differences are what counts, and digits are few
+    centred = x - x.mean()  # only differences matter; centring avoids cancellation
     return float((np.bincount(member, centred) ** 2 / np.bincount(member)).sum())
 
 

@@ -1,4 +1,4 @@
-"""Cuts a run into spans of one use each, by the rows between which it lies.
+"""Division of a run into spans of one use each, by its rows.
 
 Every instant between two rows goes into exactly one use, so that the uses add up to the whole. Time
 without a rule is `Use.REST`.
@@ -20,12 +20,12 @@ _OF_WORK: Final = {
     "recognising": Use.RECOGNITION,
     "planning": Use.PLANNING,
     "inspecting": Use.EVALUATION,
-    # between the paths there are jaws to open and holds to check; none of that is a row
+    # Between paths, jaws are opened and holds checked, without rows of their own.
     "grasping": Use.JAWS,
     "handing": Use.JAWS,
     "lowering": Use.JAWS,
     "placing": Use.JAWS,
-    # the way home is computed
+    # The path home is being computed.
     "withdrawing": Use.PLANNING,
     "recovering": Use.PLANNING,
 }
@@ -72,14 +72,14 @@ def instants(log: Sequence[LogEntry]) -> tuple[tuple[float, ...], bool]:
         (t0_s, cell0_s), (t1_s, cell1_s) = known[place], known[min(place + 1, len(known) - 1)]
         share = 0.0 if t1_s <= t0_s else min(max((entry.t_s - t0_s) / (t1_s - t0_s), 0.0), 1.0)
         found.append(cell0_s + share * (cell1_s - cell0_s))
-    # two threads may write in another order than they read the clock
+    # Two threads may write rows in a different order from their clock readings.
     for k in range(1, len(found)):
         found[k] = max(found[k], found[k - 1])
     return tuple(found), True
 
 
 class _Teller:
-    """Finds, row by row, the use of the time until the next row."""
+    """Finder of the use of the time from each row to the next."""
 
     def __init__(self, *, has_presses: bool) -> None:
         self._has_presses = has_presses
@@ -96,7 +96,7 @@ class _Teller:
 
     @property
     def is_open(self) -> bool:
-        """Whether only a later row shows the use of this time."""
+        """True if only a later row determines the use of this time."""
         return self._at_view == "waits" and self.use is Use.SHOWING
 
     @property
@@ -164,7 +164,7 @@ def spans(log: Sequence[LogEntry], at_s: Sequence[float]) -> Iterator[Span]:
         was_open = teller.is_open
         teller.take(entry.row)
         if was_open and open_spans and not teller.is_open:
-            # the arm stood before the camera: for its pictures, or for the results of earlier views
+            # The arm waited before the camera, for its pictures or for results of earlier views.
             use = Use.SHOWING if isinstance(entry.row, rows.ViewPicturesTaken) else Use.EVALUATION
             yield from (Span(use, s.start_s, s.end_s, s.is_execute) for s in open_spans)
             open_spans = []

@@ -1,4 +1,4 @@
-"""Adds up the use of the arm's time: by part, and before and after the parts of a run."""
+"""Sums of the arm's time by use: for each part, and before and after the parts of a run."""
 
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
@@ -55,7 +55,7 @@ class PartTakt:
 
     @property
     def total_s(self) -> float:
-        """The part's total time."""
+        """Total time of the part."""
         return sum(self.seconds.values())
 
 
@@ -98,7 +98,7 @@ def takt_of(record: RunRecord) -> RunTakt:
 
 
 def takts_of(runs_dir: Path) -> Iterator[RunTakt]:
-    """Yield the same for all runs of a folder, oldest first.
+    """Yield the time by use for all runs in a folder, oldest first.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Groups parts by a common feature, and states the use of their time."""
+"""Groups of parts with a common feature, and the use of their time."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
