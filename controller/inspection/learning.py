@@ -14,13 +14,11 @@ import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, Float32Array, FloatArray
-from controller.imaging import inverse_pose, rotation_angle, transform
 
 from ._gathered import PlacedFinding, gather
 from ._judge import confirm
-from ._types import Verdict, ViewResult
+from ._types import OUTLINE, Verdict, ViewResult
 from .grasp_pose import PoseSettings
-from .integrity import OutlineResult
 from .kept import Kept
 from .lit import (
     COARSE,
@@ -33,11 +31,12 @@ from .lit import (
     contrast,
     filtered,
     on_grid,
+    pose_gap,
     regridded,
     unusual,
 )
 from .part import HeldView, PosedViews, ViewSet, pose_views
-from .view import lit_of_view
+from .view import PosedPictures, posed_pictures
 
 MIN_PARTS: Final = 5  # with fewer, one defective part is not told from the others
 # Poses in which parts show the same view: farther apart, the prediction carries too much.
@@ -193,7 +192,6 @@ class _Lesson:
         self._solid = parts[0].views.part.solid
         self._middle = np.asarray(self._solid.centroid_mm, np.float64)
         self._results: list[list[ViewResult]] = [[] for _ in parts]
-        self._in_sight = np.zeros((len(parts), len(self._samples.points_mm)), dtype=bool)
 
     def lesson(self) -> Lesson:
         """Return what was learned, with each part judged by the others."""
@@ -222,32 +220,38 @@ class _Lesson:
 
     def _view(self, group: Sequence[_Shown]) -> LearnedView | None:
         """Return a learned view, None where too few pictures of it can be used."""
-        some = [(one, *held) for one in group if (held := self._lit(one)) is not None]
+        some = [(one, held) for one in group if (held := self._held(one)) is not None]
         if len(some) < MIN_PARTS:
             return None
-        shown, lits = [one for one, _, _ in some], [lit for _, lit, _ in some]
+        shown, helds = [one for one, _ in some], [held for _, held in some]
         away = _apart(shown, self._middle)
         mid = int(np.argmin(away.sum(axis=1).sum(axis=1)))
-        base = _base(shown[mid], lits[mid], away[mid], len(some))
+        base = replace(
+            _grid(helds[mid]),
+            reach_mm=float(away[mid, :, 0].max()),
+            reach_rad=float(away[mid, :, 1].max()),
+            parts=len(some),
+        )
+        onto = [_Onto.of(base, helds[mid], held) for held in helds]
         pictures: dict[str, LearnedPicture] = {}
         without: list[dict[str, LearnedPicture]] = [{} for _ in some]
-        for lamp in [lamp.name for lamp in shown[mid].view.task.lamps]:
-            good = [i for i, lit in enumerate(lits) if lit.refusal(lamp) == ""]
+        for lamp in [lamp.name for lamp in helds[mid].task.lamps]:
+            good = [i for i, held in enumerate(helds) if held.lit.refusal(lamp) == ""]
             if len(good) < MIN_PARTS:
                 continue
-            found = _learned(base, lits[mid], [lits[i] for i in good], lamp)
+            found = _learned([onto[i] for i in good], lamp)
             pictures[lamp] = found.picture
             for i, mean in zip(good, found.others, strict=True):
                 without[i][lamp] = replace(found.picture, mean=mean)
-        others = [replace(base, pictures=known, parts=len(some) - 1) for known in without]
-        for (one, lit, outline), known in zip(some, others, strict=True):
-            self._judge(one, lit, outline, known)
+        for (one, held), known in zip(some, without, strict=True):
+            others = replace(base, pictures=known, parts=len(some) - 1)
+            self._results[one.part].append(held.result(others))
         return replace(base, pictures=pictures)
 
-    def _lit(self, one: _Shown) -> tuple[LitPictures, OutlineResult] | None:
+    def _held(self, one: _Shown) -> PosedPictures | None:
         posed, task = self._posed[one.part], one.view.task
         views = self._parts[one.part].views
-        return lit_of_view(
+        return posed_pictures(
             views.part,
             views.samples,
             task,
@@ -257,45 +261,21 @@ class _Lesson:
             len(views.views),
         )
 
-    def _judge(
-        self, one: _Shown, lit: LitPictures, outline: OutlineResult, others: LearnedView
-    ) -> None:
-        """Judge a part's view by its outline, and by what the others look like."""
-        task = one.view.task
-        outcomes = [lit.check(lamp.name, others) for lamp in task.lamps]
-        checks = tuple(check for check, _, _ in outcomes)
-        found = [finding for _, findings, _ in outcomes for finding in findings]
-        found += outline.findings
-        self._in_sight[one.part] |= lit.in_sight
-        self._results[one.part].append(
-            ViewResult(
-                view_id=task.view_id,
-                evaluated=True,
-                reason="",
-                T_world_part=one.T_world_part,
-                shift_mm=0.0,
-                turn_rad=0.0,
-                residual_px=0.0,
-                findings=tuple(f for f in found if f.evidence >= 1.0),
-                hints=tuple(f for f in found if f.evidence < 1.0),
-                compared=np.logical_or.reduce([c.compared for c in checks]) & lit.in_sight,
-                outline_px=np.zeros((0, 2)),
-                checks=(outline.check, *checks),
-            )
-        )
-
     def _tried(self, number: int) -> Tried:
         results = self._results[number]
         areas = self._samples.areas_mm2
-        compared = np.zeros(len(areas), dtype=bool)
+        compared, in_sight = (np.zeros(len(areas), dtype=bool) for _ in range(2))
         for one in results:
-            compared |= one.compared
+            in_sight |= one.unobstructed
+            for check in one.checks:
+                if check.name != OUTLINE:
+                    compared |= check.compared
         limits = self._parts[number].views.views[0].task.limits
         placed = gather(confirm(results, self._samples, limits, {}))
         return Tried(
             self._parts[number].name,
             float(areas[compared].sum() / areas.sum()),
-            float(areas[self._in_sight[number]].sum() / areas.sum()),
+            float(areas[in_sight].sum() / areas.sum()),
             tuple(one for one in placed if one.verdict is Verdict.FAIL),
         )
 
@@ -319,9 +299,8 @@ def _alike(shown: Iterator[_Shown], middle: FloatArray) -> list[list[_Shown]]:
 
 def _between(one: _Shown, other: _Shown, middle: FloatArray) -> tuple[float, float]:
     """Return the distance [mm] and the turn [rad] between two poses, each before its camera."""
-    a, b = (inverse_pose(s.view.task.camera.T_world_cam) @ s.T_world_part for s in (one, other))
-    mm = np.linalg.norm(transform(a, middle[None]) - transform(b, middle[None]))
-    return float(mm), rotation_angle(a[:3, :3] @ b[:3, :3].T)
+    a, b = one.view.task.camera, other.view.task.camera
+    return pose_gap(a, one.T_world_part, b, other.T_world_part, middle)
 
 
 def _apart(shown: Sequence[_Shown], middle: FloatArray) -> FloatArray:
@@ -329,41 +308,46 @@ def _apart(shown: Sequence[_Shown], middle: FloatArray) -> FloatArray:
     return np.array([[_between(a, b, middle) for b in shown] for a in shown])
 
 
-def _base(one: _Shown, lit: LitPictures, away: FloatArray, count: int) -> LearnedView:
-    """Return a view without pictures on the grid of one part."""
+def _grid(held: PosedPictures) -> LearnedView:
+    """Return a view without pictures on the grid of one part, learned from that part alone."""
     return LearnedView(
-        camera=one.view.task.camera,
-        T_world_part=one.T_world_part,
-        corner_px=lit.corner_px,
+        camera=held.task.camera,
+        T_world_part=held.fit.T_world_part,
+        corner_px=held.lit.corner_px,
         step_px=STEP_PX,
-        depth_mm=lit.surface.depth_mm,
-        reach_mm=float(away[:, 0].max()),
-        reach_rad=float(away[:, 1].max()),
-        parts=count,
+        depth_mm=held.lit.surface.depth_mm,
+        reach_mm=0.0,
+        reach_rad=0.0,
+        parts=1,
         pictures={},
     )
 
 
-def _regridded(
-    base: LearnedView, own: LitPictures, lit: LitPictures, values: Sequence[Float32Array]
-) -> Float32Array:
-    """Return maps (k, h, w) of a part's picture on a view's grid, nan where that is unseen.
+OnGrid = tuple[Float32Array, Float32Array, BoolArray]  # columns, rows and mask, from `on_grid`
 
-    Parameters
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Onto:
+    """The pictures of a part, and the ways between its grid and that of the learned view.
+
+    Attributes
     ----------
-    base : the view
-    own : the part whose grid it is
-    lit : the part
-    values : on its own grid, nan where nothing is known
+    lit : its pictures
+    out, back : nodes of the view on the part's grid, and nodes of the part on the view's
     """
-    there = replace(
-        base,
-        T_world_part=lit.T_world_part,
-        corner_px=lit.corner_px,
-        depth_mm=lit.surface.depth_mm,
-    )
-    columns, rows, near = on_grid(there, own.surface, base.T_world_part)
-    return np.stack([regridded(one, columns, rows, near) for one in values])
+
+    lit: LitPictures
+    out: OnGrid
+    back: OnGrid
+
+    @classmethod
+    def of(cls, base: LearnedView, own: PosedPictures, held: PosedPictures) -> "_Onto":
+        """Return the ways between a view's grid, which one part has, and another part's."""
+        return cls(
+            held.lit,
+            on_grid(_grid(held), own.lit.surface, base.T_world_part),
+            on_grid(base, held.lit.surface, held.fit.T_world_part),
+        )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -374,16 +358,14 @@ class _Found:
     others: list[Float32Array]
 
 
-def _learned(base: LearnedView, own: LitPictures, lits: Sequence[LitPictures], lamp: str) -> _Found:
-    """Return the appearance of parts under a lamp, on the grid of one of them.
+def _learned(parts: Sequence[_Onto], lamp: str) -> _Found:
+    """Return the appearance of parts under a lamp, on the grid of the learned view.
 
     How far a part is from the others is found on its own grid, as a part is judged later.
     """
-    told_by = [lit.ratio(lamp) for lit in lits]
+    told_by = [part.lit.ratio(lamp) for part in parts]
     ratios = [np.where(good, r, np.float32("nan")) for r, good in told_by]
-    stack = np.stack(
-        [_regridded(base, own, lit, [r])[0] for lit, r in zip(lits, ratios, strict=True)]
-    )
+    stack = np.stack([regridded(r, *part.out) for part, r in zip(parts, ratios, strict=True)])
     shown = np.isfinite(stack).sum(axis=0) >= max(MIN_PARTS - 1, 3 * len(stack) // 4)
     level = _median(stack, shown)
     for one in stack:
@@ -391,12 +373,12 @@ def _learned(base: LearnedView, own: LitPictures, lits: Sequence[LitPictures], l
         one -= np.median(one[both] - level[both]) if both.any() else np.float32(0)
     others = [_median(np.delete(stack, i, axis=0), shown) for i in range(len(stack))]
     answered = []
-    for lit, mean, mine in zip(lits, others, ratios, strict=True):
-        there = regridded(mean, *on_grid(base, lit.surface, lit.T_world_part))
+    for part, mean, mine in zip(parts, others, ratios, strict=True):
+        there = regridded(mean, *part.back)
         mask = np.isfinite(there) & np.isfinite(mine)
         found = np.abs(filtered(contrast(mine, there, mask), mask))
         found[:, ~mask] = np.nan
-        answered.append(_regridded(base, own, lit, list(found)))
+        answered.append(np.stack([regridded(one, *part.out) for one in found]))
     every = np.stack(answered)
     told = np.isfinite(every[:, 0]).sum(axis=0) >= len(every) - 1
     scatter = _pooled(_scatter(every, told), told)

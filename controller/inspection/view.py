@@ -38,7 +38,7 @@ from .grasp_pose import (
     fit_grasp,
 )
 from .integrity import Allowances, OutlineResult, compare_outline
-from .lit import BURNT_GREY, Appearance, LitPictures
+from .lit import BURNT_GREY, Appearance, LearnedView, LitPictures
 from .registration import Registration, register
 
 NEAR_SHARE: Final = 0.9  # share of the outline found in its place
@@ -219,7 +219,65 @@ def compare_view(
     return _compare(part, samples, task, pictures, seen, stand, strictness)
 
 
-def lit_of_view(
+@dataclass(frozen=True, eq=False, slots=True)
+class PosedPictures:
+    """Pictures of a view with the part at one pose, to be compared there.
+
+    Attributes
+    ----------
+    part, task : the part, and its view
+    fit : its pose, with the outline predicted there
+    outline : silhouette, compared
+    lit : pictures under lamps, to be compared
+    """
+
+    part: PosedPart
+    task: ViewTask
+    fit: PoseFit
+    outline: OutlineResult
+    lit: LitPictures
+
+    def result(self, learned: LearnedView | None) -> ViewResult:
+        """Return the result of the pictures if this is the part's pose.
+
+        Parameters
+        ----------
+        learned : the same view of good parts; None for none
+        """
+        task, fit = self.task, self.fit
+        shift, turn = moved(self.part, task, fit)
+        findings: list[Finding] = list(self.outline.findings)
+        checks: list[Check] = [self.outline.check]
+        codes: list[NDArray[np.uint8]] = []
+        for lamp in task.lamps:
+            check, differing, code = self.lit.check(lamp.name, learned)
+            checks.append(check)
+            codes.append(code)
+            findings = findings + differing
+        free = self.lit.in_sight
+        checks = [replace(c, compared=c.compared & free) for c in checks]
+        compared = np.logical_or.reduce([c.compared for c in checks])
+        x0, y0, _, _ = fit.maps.roi
+        return ViewResult(
+            view_id=task.view_id,
+            evaluated=True,
+            reason="",
+            T_world_part=fit.T_world_part,
+            shift_mm=shift,
+            turn_rad=turn,
+            residual_px=fit.residual_px,
+            findings=tuple(f for f in findings if f.evidence >= 1.0),
+            hints=tuple(f for f in findings if f.evidence < 1.0),
+            compared=compared,
+            outline_px=mask_contour(fit.maps.mask) + np.array([x0, y0]),
+            beside_gripper=self.lit.visible.beside_gripper,
+            unobstructed=free,
+            checks=tuple(checks),
+            unjudged=_best_excuse(codes, free & ~compared),
+        )
+
+
+def posed_pictures(
     part: PosedPart,
     samples: SurfaceSamples,
     task: ViewTask,
@@ -227,38 +285,21 @@ def lit_of_view(
     seen: SeenView,
     pose: ViewPose | None,
     view_count: int,
-) -> tuple[LitPictures, OutlineResult] | None:
-    """Return a view's lit pictures at the part's pose, and the outline compared there.
+) -> PosedPictures | None:
+    """Return a view's pictures at the part's pose, None where the view is not evaluated.
 
     Parameters
     ----------
     part, samples, task, pictures, seen, pose : as `compare_view` has them
     view_count : views of the part
-
-    Returns
-    -------
-    None where the view is not evaluated
     """
     strictness = Strictness(view_count=view_count)
     stand = _stand_of(part, task, pictures, seen, pose, strictness)
     if stand.fit is None or pose is None or seen.backlit is None:
         return None
-    lit = _lit_at(part, samples, task, pictures, seen.scene, stand.sharp, stand.fit)
-    return lit, _outline(part, samples, task, seen.backlit, pose, stand.fit, strictness)
-
-
-def _lit_at(
-    part: PosedPart,
-    samples: SurfaceSamples,
-    task: ViewTask,
-    pictures: ViewPictures,
-    scene: ViewScene,
-    sharp: Registration | None,
-    fit: PoseFit,
-) -> LitPictures:
-    before = before_part(scene, fit.maps, task.camera)
-    visible = samples_in_sight(part, samples, task.camera, fit.T_world_part, before)
-    return LitPictures(part, samples, task, before, fit, visible, sharp, pictures.lit)
+    outline = _outline(part, samples, task, seen.backlit, pose, stand.fit, strictness)
+    view = _View(part, samples, task, pictures, seen.scene, stand.sharp, outline, None)
+    return view.at(stand.fit)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -401,44 +442,20 @@ class _View:
     outline: OutlineResult
     appearance: Appearance | None
 
+    def at(self, fit: PoseFit) -> PosedPictures:
+        """Return the pictures with the part at a pose."""
+        part, samples, task = self.part, self.samples, self.task
+        scene = before_part(self.scene, fit.maps, task.camera)
+        visible = samples_in_sight(part, samples, task.camera, fit.T_world_part, scene)
+        lit = LitPictures(part, samples, task, scene, fit, visible, self.sharp, self.pictures.lit)
+        return PosedPictures(part, task, fit, self.outline, lit)
+
     def compare_at(self, fit: PoseFit) -> ViewResult:
         """Return the result of the pictures if this is the part's pose."""
-        part, samples, task = self.part, self.samples, self.task
-        shift, turn = moved(part, task, fit)
-        shading = _lit_at(part, samples, task, self.pictures, self.scene, self.sharp, fit)
-        visible = shading.visible
-        findings: list[Finding] = list(self.outline.findings)
-        checks: list[Check] = [self.outline.check]
-        codes: list[NDArray[np.uint8]] = []
         learned = None
         if self.appearance is not None:
-            learned = self.appearance.view(task.camera, fit.T_world_part)
-        for lamp in task.lamps:
-            check, differing, code = shading.check(lamp.name, learned)
-            checks.append(check)
-            codes.append(code)
-            findings = findings + differing
-        free = shading.in_sight
-        checks = [replace(c, compared=c.compared & free) for c in checks]
-        compared = np.logical_or.reduce([c.compared for c in checks])
-        x0, y0, _, _ = fit.maps.roi
-        return ViewResult(
-            view_id=task.view_id,
-            evaluated=True,
-            reason="",
-            T_world_part=fit.T_world_part,
-            shift_mm=shift,
-            turn_rad=turn,
-            residual_px=fit.residual_px,
-            findings=tuple(f for f in findings if f.evidence >= 1.0),
-            hints=tuple(f for f in findings if f.evidence < 1.0),
-            compared=compared,
-            outline_px=mask_contour(fit.maps.mask) + np.array([x0, y0]),
-            beside_gripper=visible.beside_gripper,
-            unobstructed=free,
-            checks=tuple(checks),
-            unjudged=_best_excuse(codes, free & ~compared),
-        )
+            learned = self.appearance.view(self.task.camera, fit.T_world_part)
+        return self.at(fit).result(learned)
 
 
 def _pose_refusal(fit: PoseFit, shift: float, turn: float, limits: InspectionLimits) -> str:

@@ -8,6 +8,7 @@ from .learned import (
     LearnedView,
     contrast,
     on_grid,
+    pose_gap,
     regridded,
 )
 from .marks import (
@@ -40,6 +41,7 @@ __all__ = [
     "contrast",
     "filtered",
     "on_grid",
+    "pose_gap",
     "regridded",
     "unusual",
 ]

@@ -21,7 +21,6 @@ from .surface import Surface
 
 # Offset before the logarithm, so that the sensor's noise in black areas has little effect.
 DARK_GREY: Final = 3.0
-DARKEST_GREY: Final = 6.0  # level below which a surface shows nothing
 # Largest deviation of a pose, as a factor of the learned poses' own reach.
 BEYOND: Final = 1.5
 MIN_REACH_MM: Final = 0.3  # least reach, from the repeatability of the arm
@@ -29,6 +28,9 @@ MIN_REACH_RAD: Final = float(np.radians(0.4))
 SAME_DEPTH_MM: Final = 0.5  # largest difference of depth on the same surface
 # Noise of a picture relative to the noisiest learned one, above which finish, lamp or focus differ.
 OTHER_FINISH: Final = 1.6
+# Calibrations of one camera agree in their pixel scale to this share, in the picture's centre to so
+# many pixels.
+SAME_SCALE, SAME_CENTRE_PX = 0.01, 10.0
 COARSE: Final = 2  # nodes per value of the stored scatter, which changes slowly
 
 
@@ -83,10 +85,7 @@ class LearnedView:
         T_world_part : (4, 4) pose there
         p_part_mm : (3,) middle of the part
         """
-        T = inverse_pose(camera.T_world_cam) @ T_world_part
-        own = inverse_pose(self.camera.T_world_cam) @ self.T_world_part
-        mm = float(np.linalg.norm(transform(T, p_part_mm[None]) - transform(own, p_part_mm[None])))
-        rad = rotation_angle(T[:3, :3] @ own[:3, :3].T)
+        mm, rad = pose_gap(camera, T_world_part, self.camera, self.T_world_part, p_part_mm)
         return max(
             mm / max(BEYOND * self.reach_mm, MIN_REACH_MM),
             rad / max(BEYOND * self.reach_rad, MIN_REACH_RAD),
@@ -109,6 +108,27 @@ class Known:
     mean: Float32Array
     scatter: Float32Array
     usual: float
+
+
+def pose_gap(
+    camera: Camera,
+    T_world_part: FloatArray,
+    other_camera: Camera,
+    T_other: FloatArray,
+    p_part_mm: FloatArray,
+) -> tuple[float, float]:
+    """Return the distance [mm] and the turn [rad] between two poses, each before its own camera.
+
+    Parameters
+    ----------
+    camera, T_world_part : camera of a view, and (4, 4) pose of the part in it
+    other_camera, T_other : the same of another view
+    p_part_mm : (3,) point of the part at which the distance is taken
+    """
+    a = inverse_pose(camera.T_world_cam) @ T_world_part
+    b = inverse_pose(other_camera.T_world_cam) @ T_other
+    mm = float(np.linalg.norm(transform(a, p_part_mm[None]) - transform(b, p_part_mm[None])))
+    return mm, rotation_angle(a[:3, :3] @ b[:3, :3].T)
 
 
 def ratio(observed: Float32Array, brightness: Brightness) -> Float32Array:
@@ -236,5 +256,6 @@ class Appearance:
 
 
 def _is_alike(one: Camera, other: Camera) -> bool:
-    """Return True for cameras with equal picture sizes and pixel scales equal to a hundredth."""
-    return one.size_px == other.size_px and bool(np.allclose(one.K, other.K, rtol=0.01, atol=10.0))
+    """Return True for cameras of the same kind and lens, also if calibrated anew."""
+    is_near = np.allclose(one.K, other.K, rtol=SAME_SCALE, atol=SAME_CENTRE_PX)
+    return one.size_px == other.size_px and bool(is_near)

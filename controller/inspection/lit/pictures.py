@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
+from controller.arrays import BoolArray, Float32Array, Grey
 from controller.cad import SurfaceSamples
 from controller.imaging import ViewMaps, transform
 from controller.recognition.fitting import EdgePoints, predict_edges
@@ -34,7 +34,6 @@ from .compare import (
 )
 from .learned import (
     DARK_GREY,
-    DARKEST_GREY,
     OTHER_FINISH,
     Known,
     LearnedView,
@@ -46,7 +45,7 @@ from .light import Light, bound_light
 from .marks import Answers, answers, finds, smallest_nodes
 from .spots import local_findings
 from .surface import Surface, find_surface
-from .texture import Texture, feature_edges, find_texture, learned_texture
+from .texture import DARKEST_GREY, Texture, feature_edges, find_texture, learned_texture
 
 STEP_PX: Final = 2  # faces are compared on every second pixel: shadows are as narrow as defects
 LENS_PX: Final = 0.7  # typical blur of a lens
@@ -209,11 +208,6 @@ class LitPictures:
     def in_sight(self) -> BoolArray:
         """Mask (n,) of the samples that nothing stands before."""
         return self.visible.free & ~self.visible.beside_gripper
-
-    @property
-    def T_world_part(self) -> FloatArray:
-        """Pose (4, 4) of the part."""
-        return self._fit.T_world_part
 
     @property
     def corner_px(self) -> tuple[int, int]:
