@@ -72,9 +72,8 @@ def judged(views: ViewSet, appearance: Appearance | None, truth: Words) -> Words
         "verdict": found.verdict.value,
         "compared": found.ledger.compared_fraction,
         "in_sight": found.ledger.in_sight_fraction,
-        "at_place": max((f.verdict.value for f in at), key=len, default="")
-        if not any(f.verdict.value == "fail" for f in at)
-        else "fail",
+        # "fail" comes before "indeterminate"
+        "at_place": min((f.verdict.value for f in at), default=""),
         "elsewhere": len(elsewhere),
         "elsewhere_fail": sum(f.verdict.value == "fail" for f in elsewhere),
         "short_faces": len(found.ledger.short_faces),

@@ -345,7 +345,7 @@ class Specimen:
                 words["visible"] = count >= MIN_SHOWN_PX
             words["T_world_part_true"] = rounded(self._world() @ view.T)
             shows.append(words)
-        self.gains = exposures([s.radiance for s in seen], [s.label for s in seen])
+        self.gains = self.exposed(seen)
         rng = np.random.default_rng([self.seed, 1])
         pictures = [
             {lamp: develop(s.radiance[lamp], self.gains[lamp], self.sensor, rng) for lamp in LAMPS}
@@ -357,6 +357,10 @@ class Specimen:
         elif self.kind == IN_FRONT:
             self.trap = {"views": self.hidden}
         return pictures, shows
+
+    def exposed(self, seen: Sequence[Seen]) -> dict[str, float]:
+        """Return a gain by lamp for these views."""
+        return exposures([s.radiance for s in seen], [s.label for s in seen])
 
     def expected(self) -> list[tuple[Array, list[Array]]]:
         """Return where the cell believes part and gripper's boxes are, view by view."""

@@ -18,12 +18,12 @@ import json
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import trace_held
 from trace_held import (
     Body,
     Folder,
@@ -37,6 +37,7 @@ from trace_held import (
 )
 from trace_held_defects import NoPlaceError, as_built, mesh_of, with_defect
 from trace_held_hold import NoHoldError, View, disturbed
+from trace_held_light import Seen
 from trace_scene import NoTracerError, tracer
 
 from controller.cad import CadError
@@ -51,8 +52,16 @@ MAX_TRIES = 25
 class Piece(Specimen):
     """One piece of a series: built, slipped and dusted by itself, shown as the series is."""
 
-    def __init__(self, series: Specimen, number: int, cls: str, kind: str) -> None:
+    def __init__(
+        self,
+        series: Specimen,
+        number: int,
+        cls: str,
+        kind: str,
+        gains: dict[str, float] | None,
+    ) -> None:
         vars(self).update(vars(series))
+        self.fixed = gains
         self.number, self.cls, self.kind = number, cls, kind
         self.rng = rng = np.random.default_rng([series.seed, 7, number])
         self.first = series
@@ -91,6 +100,10 @@ class Piece(Specimen):
             views.append(View(view.grasp, arm @ view.T @ slips[view.grasp]))
         self.views = views
 
+    def exposed(self, seen: Sequence[Seen]) -> dict[str, float]:
+        """Return the first piece's gains, which all pieces have; this one's if it is the first."""
+        return self.fixed or super().exposed(seen)
+
     def things(self, view: View, body: Body | None = None) -> list[Any]:
         """Return what stands before the camera: the part slipped in the fingers."""
         number = next(i for i, one in enumerate(self.views) if one is view)
@@ -121,17 +134,7 @@ class Series(Folder):
     def add(self, number: int) -> None:
         """Make one piece."""
         start = time.perf_counter()
-        is_good = number < self.good
-        kind = "as_built" if is_good else KINDS[(number - self.good) % len(KINDS)]
-        for turn in range(len(KINDS)):
-            try:
-                piece = Piece(self.base, number, "good" if is_good else "defect", kind)
-                break
-            except NoPlaceError:
-                kind = KINDS[(number - self.good + turn + 1) % len(KINDS)]
-        seen_kind = kind
-        if "gains" in self.truth:
-            trace_held.exposures = lambda *_: self.truth["gains"]
+        piece = self._piece(number)
         pictures, shows = piece.trace()
         self.truth.setdefault("gains", piece.gains)
         folder = self.path / self.name(number)
@@ -146,9 +149,20 @@ class Series(Folder):
         self.done.add(self.name(number))
         write_atomically(self.file, json.dumps(self.truth))
         seconds = time.perf_counter() - start
-        print(f"{self.path.name} {self.name(number)} {seen_kind:12} {piece.part.name:18} "
+        print(f"{self.path.name} {self.name(number)} {piece.kind:12} {piece.part.name:18} "
               f"{piece.material['kind']:9} {len(words['visible_views'])} views show it, "
               f"{seconds:.1f} s", flush=True)  # fmt: skip
+
+    def _piece(self, number: int) -> Piece:
+        """Return a piece; a defect that finds no place on the part is replaced by the next kind."""
+        gains = self.truth.get("gains")
+        if number < self.good:
+            return Piece(self.base, number, "good", "as_built", gains)
+        for turn in range(len(KINDS)):
+            kind = KINDS[(number - self.good + turn) % len(KINDS)]
+            with suppress(NoPlaceError):
+                return Piece(self.base, number, "defect", kind, gains)
+        raise NoPlaceError(f"no defect finds a place on {self.base.part.name}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -69,7 +69,7 @@ class Solid:
     def hull_mm(self) -> FloatArray:
         """Corners of the convex hull (k, 3), in the order of the mesh's, computed on first use.
 
-        A compiled part sets its stored normals and areas here, and likewise its boundary.
+        A compiled part sets its stored corners here, and likewise its boundary.
         """
         vertices = np.asarray(self.mesh.vertices, dtype=np.float64)
         corners = vertices[np.sort(ConvexHull(vertices, qhull_options=HULL_OPTIONS).vertices)]

@@ -11,6 +11,7 @@ from typing import Final
 
 CAD_FORMATS: Final = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp", ".yaml")
 STEP_FORMATS: Final = (".step", ".stp")
+MAX_CAD_BYTES: Final = 2**30  # size of a file above which it is not read
 MARK: Final = "#"  # separator between the file and the name of the body
 EVERY: Final = "*"  # in place of the name: all bodies, united
 

@@ -11,7 +11,7 @@ from controller.arrays import BoolArray, Grey
 from controller.cad.compiled import CompiledPart, load_part, options_among
 from controller.cad.reading import digests_of
 from controller.config import ConfigError, Recipe, split_cad
-from controller.config.cad_files import cad_identity
+from controller.config.cad_files import MAX_CAD_BYTES, STEP_FORMATS, cad_identity
 from controller.config.files import read_bytes
 from controller.config.view_set import ViewSetFile
 from controller.imaging import transform
@@ -48,7 +48,6 @@ from .view_set import (
 
 MAX_PROBLEM_COUNT: Final = 10  # wrong pictures named at once
 MAX_NAMED: Final = 6  # pictures that a sentence names
-MAX_CAD_BYTES: Final = 2**30
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,9 +213,11 @@ def cad_sha256(cad: Path) -> str:
     ConfigError : it cannot be read
     """
     source = split_cad(cad)
-    first = hashlib.sha256(read_bytes(source.file, MAX_CAD_BYTES, "a CAD file")).hexdigest()
-    own, *others = digests_of(cad)
-    digest = hashlib.sha256("".join([own, *others]).encode()).hexdigest() if others else first
+    digest = hashlib.sha256(read_bytes(source.file, MAX_CAD_BYTES, "a CAD file")).hexdigest()
+    # only a STEP file names others
+    digests = digests_of(cad) if source.ending in STEP_FORMATS else (digest,)
+    if len(digests) > 1:
+        digest = hashlib.sha256("".join(digests).encode()).hexdigest()
     return cad_identity(source.name, digest)
 
 

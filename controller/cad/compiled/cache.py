@@ -14,7 +14,7 @@ import numpy as np
 
 from controller.cache import DiskCache, digest_of, source_hash, versions
 from controller.config import STEP_FORMATS, split_cad
-from controller.config.cad_files import MARK
+from controller.config.cad_files import MARK, MAX_CAD_BYTES
 
 from ..reading import digests_of
 from ..solid import Solid
@@ -24,7 +24,6 @@ from ._mesh import called, solids
 from .part import CompiledPart, CompileOptions, compile_part, part_name
 
 FORMAT = 3  # raised when the same source and options come to mean something else
-MAX_CAD_BYTES = 2**30
 SOURCES = tuple(Path(__file__).parents[2] / room for room in ("cad", "imaging", "step_kernel"))
 # Packages whose version decides the content of a file.
 DECIDING = ("numpy", "scipy", "trimesh", "manifold3d", "embreex")

@@ -1,17 +1,15 @@
 """The recipe that judges a set of views."""
 
 from pathlib import Path
-from typing import Final
 
 from controller.cad.compiled import part_name
 from controller.config import ConfigError, find_recipe, load_recipe, split_cad
+from controller.config.cad_files import MAX_CAD_BYTES
 from controller.config.files import read_bytes
 from controller.config.view_set import ViewSetFile
 from controller.stored import Judging
 
 from ..terminal.output import warn
-
-MAX_CAD_BYTES: Final = 2**30
 
 
 def judging_of(

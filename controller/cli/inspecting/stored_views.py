@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from controller.config import ConfigError, split_cad
+from controller.config.cad_files import MAX_CAD_BYTES
 from controller.config.files import read_bytes
 from controller.config.view_set import ViewSetFile, load_view_set
 from controller.inspection import Verdict
@@ -22,7 +23,7 @@ from controller.stored import (
 )
 
 from ..inputs.checks import check_writable_folder
-from ..inputs.judging import MAX_CAD_BYTES, judging_of
+from ..inputs.judging import judging_of
 from ..terminal.output import emit, print_line, warn
 from .tables import print_part
 

@@ -121,7 +121,7 @@ class DiskWatcher:
             await self._clock.sleep(DISK_POLL_S)
         report(
             Event.STOP,
-            f"the disk of {self._folder} has {free / 1000000.0:.0f} MB left: the run was "
+            f"the disk of {self._folder} has {free / 1e6:.0f} MB left: the run was "
             "stopped while that can still be recorded. Make room, then start again",
             "disk_full",
         )

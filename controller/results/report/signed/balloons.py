@@ -53,7 +53,7 @@ CROWD_RADIUS_MM, DETAIL_MARGIN_MM = 10.5, 1.5
 DETAIL_RADIUS_MM: Final = 2.0 * (CROWD_RADIUS_MM + DETAIL_MARGIN_MM)
 # Least number of balloons in a detail, and largest number of details in a drawing.
 MIN_CROWD, MAX_DETAILS = 4, 3
-MAX_ENLARGED: Final = 4.0
+MAX_ENLARGED: Final = 4.0  # largest scale of a detail, in that of its side
 # Least share of their scale that sides keep where details take room from them.
 MIN_SIDE_SHARE: Final = 0.8
 
