@@ -29,7 +29,7 @@ from ._types import (
     ViewResult,
 )
 from .detection import MARKS, NEXT_WIDTH, NOTHING_ASKED, Detection
-from .edge_evidence import FaceEdges
+from .edge_evidence import EdgeEvidence, FaceEdges
 
 # Area, in smallest areas, above which a finding cannot be noise at a border.
 SURE_AREA: Final = 2.5
@@ -62,7 +62,6 @@ GIVEN_UP: Final = (
 )
 NOTHING: Final[Mapping[int, str]] = MappingProxyType({})
 NO_PLAN: Final[Mapping[str, BoolArray]] = MappingProxyType({})
-NO_EDGES: Final[Mapping[int, FaceEdges]] = MappingProxyType({})
 EDGES: Final = "edges"
 
 
@@ -78,9 +77,10 @@ class FaceVerdict:
     verdict : outcome
     views : views that compared any of it
     reason : why it failed or was not compared
-    by_check : share of its samples compared, by name of the check; under `EDGES`, where its edges
-        verify it, the share of them that is in place
+    by_check : share of its samples compared, by name of the check; under `EDGES` by the edges
+        beside them, or where its edges verify it as a whole, the share of them that is in place
     rest : share of its samples not compared, by reason, largest first
+    is_by_edges : True if its edges verify it, and too little of its surface was compared
     """
 
     face_id: int
@@ -92,6 +92,7 @@ class FaceVerdict:
     reason: str
     by_check: tuple[tuple[str, float], ...] = ()
     rest: tuple[tuple[str, float], ...] = ()
+    is_by_edges: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +134,7 @@ def judge(
     limits: InspectionLimits,
     not_inspected: Mapping[int, str] = NOTHING,
     planned: Mapping[str, BoolArray] = NO_PLAN,
-    edges: Mapping[int, FaceEdges] = NO_EDGES,
+    edges: EdgeEvidence | None = None,
     find_mm: Mapping[str, float] = NOTHING_ASKED,
 ) -> PartVerdict:
     """Return the verdict on a part, from all its views.
@@ -150,7 +151,7 @@ def judge(
     not_inspected : reason, by face id, why the recipe leaves a face out: the face need not be
         compared, but findings on it still count
     planned : mask, by view id, of the samples (n,) that the plan meant the view to show
-    edges : evidence, by face id, from the face's edges
+    edges : evidence from the part's edges; None for none
     find_mm : size to be found, by kind of defect, where the recipe names one
 
     Raises
@@ -161,6 +162,8 @@ def judge(
         raise ValueError(f"min_coverage {min_coverage}: a pass must rest on something, up to 1")
     evaluated = [view for view in views if view.evaluated]
     compared = _any(samples, (view.compared for view in evaluated))
+    beside = _any(samples, iter([edges.compared] if edges is not None else []))
+    compared |= beside
     in_sight = _any(samples, (view.in_sight for view in evaluated)) | compared
     compared_share, in_sight_share = (
         float(samples.areas_mm2[mask].sum() / samples.areas_mm2.sum())
@@ -174,7 +177,8 @@ def judge(
     faces = tuple(
         _face(
             solid, samples, i, compared, excuses, evaluated, found.get(i),
-            unseen_reasons.get(i, ""), not_inspected.get(i, ""), limits, edges.get(i),
+            unseen_reasons.get(i, ""), not_inspected.get(i, ""), limits, beside,
+            None if edges is None else edges.faces.get(i),
         )
         for i in range(len(solid.faces))
     )  # fmt: skip
@@ -222,7 +226,7 @@ def judge(
             f"{100 * compared_share:.1f} % of the surface compared in "
             f"{len(evaluated)} views: {claim}"
         )
-        by_edges = [f for f in faces if any(name == EDGES for name, _ in f.by_check)]
+        by_edges = [f for f in faces if f.is_by_edges]
         if by_edges:
             share = sum(f.area_mm2 for f in by_edges) / sum(f.area_mm2 for f in faces)
             reasons.append(
@@ -490,6 +494,7 @@ def _face(
     plan_reason: str,
     recipe_reason: str,
     limits: InspectionLimits,
+    beside: BoolArray,
     edges: FaceEdges | None,
 ) -> FaceVerdict:
     face = solid.faces[face_id]
@@ -501,7 +506,8 @@ def _face(
     rest = _rest(np.where(compared, 0.0, areas), whole, excuses, plan_reason or NO_VIEW)
     reason = rest[0][0] if rest else ""
     verdict = Verdict.NOT_EVALUATED
-    by_check = _by_check(areas, views)
+    by_check = _by_check(areas, views, beside)
+    is_by_edges = False
     if found is not None and found.verdict is Verdict.FAIL:
         verdict, reason = found.verdict, "differs from the CAD"
     elif found is not None:
@@ -514,8 +520,8 @@ def _face(
     elif recipe_reason:
         reason = f"left out by the recipe: {recipe_reason}"
     elif edges is not None and edges.is_verified:
-        verdict = Verdict.PASS
-        by_check = (*by_check, (EDGES, edges.share))
+        verdict, is_by_edges = Verdict.PASS, True
+        by_check = (*(one for one in by_check if one[0] != EDGES), (EDGES, edges.share))
         reason = f"surface not compared; {100 * edges.share:.0f} % {edges.how} in place"
     elif face.area_mm2 < limits.min_area_mm2:
         reason = TOO_SMALL
@@ -524,12 +530,17 @@ def _face(
         reason = edges.why
     return FaceVerdict(
         face_id, face.label, face.area_mm2, fraction, verdict, by, reason, by_check, rest,
+        is_by_edges,
     )  # fmt: skip
 
 
-def _by_check(areas: FloatArray, views: Sequence[ViewResult]) -> tuple[tuple[str, float], ...]:
+def _by_check(
+    areas: FloatArray, views: Sequence[ViewResult], beside: BoolArray
+) -> tuple[tuple[str, float], ...]:
     """Return each check's compared share of a face; areas (n,) are 0 off the face."""
     mine, compared = areas > 0.0, dict[str, BoolArray]()
+    if (beside & mine).any():
+        compared[EDGES] = beside & mine
     for check in (check for view in views for check in view.checks if not check.reason):
         here = check.compared & mine
         if here.any():

@@ -30,13 +30,14 @@ from .lit import (
     LitPictures,
     contrast,
     filtered,
+    gloss_of,
     on_grid,
     pose_gap,
     regridded,
     unusual,
 )
 from .part import HeldView, PosedViews, ViewSet, pose_views
-from .view import PosedPictures, posed_pictures
+from .view import PosedPictures, Strictness, posed_pictures
 
 MIN_PARTS: Final = 5  # with fewer, one defective part is not told from the others
 # Poses in which parts show the same view: farther apart, the prediction carries too much.
@@ -245,7 +246,7 @@ class _Lesson:
                 without[i][lamp] = replace(found.picture, mean=mean)
         for (one, held), known in zip(some, without, strict=True):
             others = replace(base, pictures=known, parts=len(some) - 1)
-            self._results[one.part].append(held.result(others))
+            self._results[one.part].append(held.result(gloss_of(held.lit.polish), others))
         return replace(base, pictures=pictures)
 
     def _held(self, one: _Shown) -> PosedPictures | None:
@@ -258,7 +259,7 @@ class _Lesson:
             one.view.pictures,
             posed.seen[task.view_id],
             posed.pose(task.view_id),
-            len(views.views),
+            Strictness(view_count=len(views.views)),
         )
 
     def _tried(self, number: int) -> Tried:

@@ -8,7 +8,7 @@ finished grasps while the arm still shows other views, and `inspect_part` takes 
 (ADR 81).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -36,12 +36,14 @@ from .grasp_pose import (
 )
 from .integrity import Allowances
 from .kept import Kept
-from .lit import Appearance
+from .lit import Appearance, Polish, gloss_of
 from .view import (
+    PosedPictures,
     SeenView,
     Strictness,
     compare_view,
     outline_view,
+    posed_pictures,
     see_view,
 )
 
@@ -218,17 +220,16 @@ def work_ahead(
     posed = pose_views(views, settings.pose, kept)
     yield
     strictness = Strictness(settings.allowances, settings.pose, view_count, settings.appearance)
-    for view in views.views:
-        _result(views, view, posed, strictness, kept)
+    for _ in _results(views, posed, strictness, kept):
         yield
+    for view in views.views:
         if (one := _posed_view(view, posed, kept)) is not None:
             measure_ahead(views.part, characteristics, one, settings.measuring, kept)
             yield
-    results = tuple(_result(views, view, posed, strictness, kept) for view in views.views)
+    results = inspect_views(views, posed, settings, kept, view_count)
     yield from look_ahead(
         views.part,
         _edge_views(views, posed, results, kept),
-        settings.limits,
         settings.allowances,
         settings.measuring,
         kept,
@@ -267,7 +268,7 @@ def inspect_part(
         settings.limits,
         settings.not_inspected,
         settings.planned,
-        edges.faces,
+        edges,
         settings.find_mm,
     )
     ledger = with_detections(views, results, ledger, settings)
@@ -384,7 +385,11 @@ def _outline_of(view: HeldView, kept: Kept) -> OutlineView | None:
 
 
 def inspect_views(
-    views: ViewSet, posed: PosedViews, settings: PartSettings, kept: Kept
+    views: ViewSet,
+    posed: PosedViews,
+    settings: PartSettings,
+    kept: Kept,
+    view_count: int | None = None,
 ) -> tuple[ViewResult, ...]:
     """Return each view's result at its pose.
 
@@ -394,11 +399,13 @@ def inspect_views(
     posed : where the part is in them
     settings : how strictly
     kept : what of it was worked out before
+    view_count : how many views there will be; None for these
     """
     strictness = Strictness(
-        settings.allowances, settings.pose, len(views.views), settings.appearance
+        settings.allowances, settings.pose, view_count or len(views.views), settings.appearance
     )
-    return tuple(_result(views, view, posed, strictness, kept) for view in views.views)
+    results = {one.view_id: one for one in _results(views, posed, strictness, kept) if one}
+    return tuple(results[view.task.view_id] for view in views.views)
 
 
 def measure_views(
@@ -526,18 +533,65 @@ def _identity(views: ViewSet) -> PartFinding:
     )
 
 
-def _result(
-    views: ViewSet, view: HeldView, posed: PosedViews, strictness: Strictness, kept: Kept
+def _results(
+    views: ViewSet, posed: PosedViews, strictness: Strictness, kept: Kept
+) -> Iterator[ViewResult | None]:
+    """Yield each view's result on the samples that it counts for, and None while at work.
+
+    How polished a finish is, pictures tell together: those of a grasp and of the grasps before it,
+    which do not change as more follow.
+    """
+    evidence: list[Polish] = []
+    for grasp in dict.fromkeys(view.grasp for view in views.views):
+        mine = [view for view in views.views if view.grasp == grasp]
+        built: dict[str, PosedPictures | None] = {}
+        for view in mine:
+            pictures = partial(_pictures_of, views, view, posed, strictness, built)
+            pose = posed.pose(view.task.view_id)
+            evidence += kept.once(partial(_polish, pictures), _polish, view, pose, strictness)
+            yield None
+        gloss = gloss_of(evidence)
+        for view in mine:
+            pictures = partial(_pictures_of, views, view, posed, strictness, built)
+            pose = posed.pose(view.task.view_id)
+            compared = partial(_compared, views, view, posed, strictness, gloss, pictures)
+            result = kept.once(compared, compare_view, view, pose, strictness, gloss)
+            built.pop(view.task.view_id, None)
+            yield result if view.counted is None else result.within(view.counted)
+
+
+def _pictures_of(
+    views: ViewSet,
+    view: HeldView,
+    posed: PosedViews,
+    strictness: Strictness,
+    built: dict[str, PosedPictures | None],
+) -> PosedPictures | None:
+    """Return a view's pictures at its pose, kept until it is judged; see `posed_pictures`."""
+    task, view_id = view.task, view.task.view_id
+    if view_id not in built:
+        seen, pose = posed.seen[view_id], posed.pose(view_id)
+        built[view_id] = posed_pictures(
+            views.part, views.samples, task, view.pictures, seen, pose, strictness
+        )
+    return built[view_id]
+
+
+def _polish(pictures: Callable[[], PosedPictures | None]) -> tuple[Polish, ...]:
+    shown = pictures()
+    return () if shown is None else shown.lit.polish
+
+
+def _compared(
+    views: ViewSet,
+    view: HeldView,
+    posed: PosedViews,
+    strictness: Strictness,
+    gloss: float,
+    pictures: Callable[[], PosedPictures | None],
 ) -> ViewResult:
-    """Return a view's result on the samples that it counts for."""
     seen, pose = posed.seen[view.task.view_id], posed.pose(view.task.view_id)
-    result = kept.once(
-        lambda: compare_view(
-            views.part, views.samples, view.task, view.pictures, seen, pose, strictness
-        ),
-        compare_view,
-        view,
-        pose,
-        strictness,
-    )
-    return result if view.counted is None else result.within(view.counted)
+    return compare_view(
+        views.part, views.samples, view.task, view.pictures, seen, pose, strictness, gloss,
+        pictures(),
+    )  # fmt: skip

@@ -38,7 +38,7 @@ from .grasp_pose import (
     fit_grasp,
 )
 from .integrity import Allowances, OutlineResult, compare_outline
-from .lit import BURNT_GREY, Appearance, LearnedView, LitPictures
+from .lit import BURNT_GREY, Appearance, LearnedView, LitPictures, gloss_of
 from .registration import Registration, register
 
 NEAR_SHARE: Final = 0.9  # share of the outline found in its place
@@ -188,7 +188,8 @@ def inspect_view(
     located : what `locate_view` returned; None to find it
     """
     located = located or locate_view(part, task, pictures)
-    return _compare(part, samples, task, pictures, located.seen, located.stand, Strictness())
+    stand = located.stand
+    return _compare(part, samples, task, pictures, located.seen, stand, Strictness(), None, None)
 
 
 def _is_near(grasp: GraspPose | None) -> bool:
@@ -203,6 +204,8 @@ def compare_view(
     seen: SeenView,
     pose: ViewPose | None,
     strictness: Strictness,
+    gloss: float | None = None,
+    posed: "PosedPictures | None" = None,
 ) -> ViewResult:
     """Return a view's result on a part of known pose: findings, and samples compared.
 
@@ -214,9 +217,11 @@ def compare_view(
     seen : its picture before the panel
     pose : of the part; None where no outline was found
     strictness : what a good part may show
+    gloss : highest possible polish of the finish, from 0 to 1; None to find it in this view
+    posed : its pictures at that pose, where `posed_pictures` has returned them
     """
     stand = _stand_of(part, task, pictures, seen, pose, strictness)
-    return _compare(part, samples, task, pictures, seen, stand, strictness)
+    return _compare(part, samples, task, pictures, seen, stand, strictness, gloss, posed)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -237,11 +242,12 @@ class PosedPictures:
     outline: OutlineResult
     lit: LitPictures
 
-    def result(self, learned: LearnedView | None) -> ViewResult:
+    def result(self, gloss: float, learned: LearnedView | None) -> ViewResult:
         """Return the result of the pictures if this is the part's pose.
 
         Parameters
         ----------
+        gloss : highest possible polish of the finish, from 0 to 1
         learned : the same view of good parts; None for none
         """
         task, fit = self.task, self.fit
@@ -250,7 +256,7 @@ class PosedPictures:
         checks: list[Check] = [self.outline.check]
         codes: list[NDArray[np.uint8]] = []
         for lamp in task.lamps:
-            check, differing, code = self.lit.check(lamp.name, learned)
+            check, differing, code = self.lit.check(lamp.name, gloss, learned)
             checks.append(check)
             codes.append(code)
             findings = findings + differing
@@ -284,21 +290,21 @@ def posed_pictures(
     pictures: ViewPictures,
     seen: SeenView,
     pose: ViewPose | None,
-    view_count: int,
+    strictness: Strictness,
 ) -> PosedPictures | None:
     """Return a view's pictures at the part's pose, None where the view is not evaluated.
 
     Parameters
     ----------
-    part, samples, task, pictures, seen, pose : as `compare_view` has them
-    view_count : views of the part
+    part, samples, task, pictures, seen, pose, strictness : as `compare_view` has them
     """
-    strictness = Strictness(view_count=view_count)
     stand = _stand_of(part, task, pictures, seen, pose, strictness)
     if stand.fit is None or pose is None or seen.backlit is None:
         return None
     outline = _outline(part, samples, task, seen.backlit, pose, stand.fit, strictness)
-    view = _View(part, samples, task, pictures, seen.scene, stand.sharp, outline, None)
+    view = _View(
+        part, samples, task, pictures, seen.scene, stand.sharp, outline, strictness.appearance
+    )
     return view.at(stand.fit)
 
 
@@ -361,6 +367,8 @@ def _compare(
     seen: SeenView,
     stand: Stand,
     strictness: Strictness,
+    gloss: float | None,
+    posed: PosedPictures | None,
 ) -> ViewResult:
     """Return a view's result on a part at a stand; see `compare_view`."""
     pose, fit, sharp = stand.pose, stand.fit, stand.sharp
@@ -369,7 +377,9 @@ def _compare(
     limits = task.limits
     outline = _outline(part, samples, task, seen.backlit, pose, fit, strictness)
     view = _View(part, samples, task, pictures, seen.scene, sharp, outline, strictness.appearance)
-    best = view.compare_at(fit)
+    posed = posed or view.at(fit)
+    gloss = gloss_of(posed.lit.polish) if gloss is None else gloss
+    best = posed.result(gloss, view.learned_at(fit))
     if not any(f.kind.is_lit for f in best.findings):
         return best
     # what a lit picture shows against one pose, and not against another that the outline allows as
@@ -377,7 +387,7 @@ def _compare(
     for other in poses_as_good(part, task, fit, seen.backlit.outline):
         if _pose_refusal(other, *moved(part, task, other), limits):
             continue
-        result = view.compare_at(other)
+        result = view.at(other).result(gloss, view.learned_at(other))
         if _explains_more(result, best):
             best = result
         if not best.findings:
@@ -450,12 +460,11 @@ class _View:
         lit = LitPictures(part, samples, task, scene, fit, visible, self.sharp, self.pictures.lit)
         return PosedPictures(part, task, fit, self.outline, lit)
 
-    def compare_at(self, fit: PoseFit) -> ViewResult:
-        """Return the result of the pictures if this is the part's pose."""
-        learned = None
-        if self.appearance is not None:
-            learned = self.appearance.view(self.task.camera, fit.T_world_part)
-        return self.at(fit).result(learned)
+    def learned_at(self, fit: PoseFit) -> LearnedView | None:
+        """Return the same view of good parts, None where none was learned."""
+        if self.appearance is None:
+            return None
+        return self.appearance.view(self.task.camera, fit.T_world_part)
 
 
 def _pose_refusal(fit: PoseFit, shift: float, turn: float, limits: InspectionLimits) -> str:

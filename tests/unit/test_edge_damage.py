@@ -79,7 +79,7 @@ def seen(
         sigma_px=at_edge(NOISE_PX, np.inf),
         contrast=at_edge(80.0 if contrast is None else contrast, 0.0),
         limit_px=np.full(count, 2.0),
-        is_sensitive=np.ones((count, 2), dtype=bool),
+        least_mm=np.zeros((count, 2)),
         faces_camera=np.tile(faces, (count, 1)),
         light_through=np.zeros((count, 2), dtype=bool),
         may_glare=np.zeros(count, dtype=bool),

@@ -25,7 +25,7 @@ from controller.inspection import (
     ViewResult,
     judge,
 )
-from controller.inspection.edge_evidence import FaceEdges
+from controller.inspection.edge_evidence import EdgeEvidence, FaceEdges
 
 Array = NDArray[np.float64]
 LIMITS = InspectionLimits(smallest_defect_mm=3.0)
@@ -227,8 +227,13 @@ def test_a_face_too_small_for_the_smallest_difference_is_accounted_for_as_such()
     assert "smaller than the smallest difference" in got.faces[speck.id].reason
 
 
+def evidence(edges: FaceEdges, compared: NDArray[np.bool_] | None = None) -> EdgeEvidence:
+    beside = np.zeros(len(samples().points_mm), dtype=bool) if compared is None else compared
+    return EdgeEvidence(None, (), {bore_id(): edges}, {}, beside)
+
+
 def with_edges(*views: ViewResult, edges: FaceEdges) -> PartVerdict:
-    return judge(plate(), samples(), views, {}, 0.5, LIMITS, edges={bore_id(): edges})
+    return judge(plate(), samples(), views, {}, 0.5, LIMITS, edges=evidence(edges))
 
 
 def test_a_wall_that_its_edges_show_passes_and_counts_as_not_compared() -> None:
@@ -245,6 +250,15 @@ def test_a_wall_that_its_edges_show_passes_and_counts_as_not_compared() -> None:
     without = judge(plate(), samples(), (seen,), {}, 0.5, LIMITS)
     assert without.verdict is Verdict.INDETERMINATE
     assert got.compared_fraction == without.compared_fraction
+
+
+def test_surface_beside_an_edge_in_place_counts_as_compared() -> None:
+    wall = samples().face_ids == bore_id()
+    seen = view(compared=~wall)
+    beside = evidence(FaceEdges(0.0, 0), wall & (samples().points_mm[:, 2] > 0))
+    got = judge(plate(), samples(), (seen,), {}, 0.5, LIMITS, edges=beside).faces[bore_id()]
+    assert not got.is_by_edges
+    assert got.compared_fraction == dict(got.by_check)["edges"] > 0.2
 
 
 def test_an_edge_that_no_picture_shows_stops_a_pass_and_fails_no_part() -> None:

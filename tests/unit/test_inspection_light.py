@@ -86,14 +86,10 @@ def test_beside_a_wall_light_may_bounce_the_more_the_nearer() -> None:
     assert light.bounced.matt.max() < 0.5 * ALBEDO * 1.2
 
 
-def test_light_from_a_wall_is_uneven_beside_it_and_even_farther_off() -> None:
-    # 1 mm off a wall 20 mm high much of its light comes from 2 mm and less; 16 mm off none does
-    shares = []
-    for x0, x1 in ((-21.5, -20), (-8, -4)):
-        light, here = floor_between("ring", x0, x1)
-        shares.append(float(light.bounced.uneven[here].sum() / light.bounced.matt[here].sum()))
-    near, far = shares
-    assert far < 1 / (1 + (13 / UNEVEN_MM) ** 2) < near / 5
+def test_a_wall_that_the_lamp_does_not_reach_throws_nothing() -> None:
+    # the side lamp stands behind the wall: its side toward the floor is dark
+    light, here = floor_between("side", -21, -18)
+    assert light.bounced.matt[here].max() == 0.0
 
 
 def test_a_polished_wall_mirrors_the_lamp_where_the_lamp_shines_on_both() -> None:
@@ -215,6 +211,18 @@ def test_a_lamp_below_the_surface_gives_nothing() -> None:
     light, maps = light_of(box(100, 80, 10), at(0, 0, -5), point_lamp("below", 300.0, 0, -100))
     assert maps.mask.any()
     assert light.most.max() == 0
+
+
+@pytest.mark.parametrize("d_mm", [3.0, 8.0])
+def test_light_from_a_wall_is_what_the_wall_gets_and_the_floor_sees_of_it(d_mm: float) -> None:
+    # a long wall of 20 mm, its right side at x = 4; a lamp at 45 degrees, far away on the right
+    body = box(200, 400, 2).translate((0, 0, -1)) + box(4, 400, 20).translate((2, 0, 10))
+    light, _ = light_of(body, at(0, 0, 0), point_lamp("right", 1e5, 0, 1e5))
+    # a floor sees so much of the wall beside it, each part weighed by its cosine
+    seen_share = (1 - d_mm / np.hypot(d_mm, 20.0)) / 2
+    v, u = pixel_of(4 + d_mm, 0, 0)
+    got = float(light.bounced.matt[v - 8 : v + 9, u].mean())
+    assert got == pytest.approx(ALBEDO * np.cos(np.pi / 4) * seen_share, rel=0.15)
 
 
 def test_a_wall_throws_a_shadow_as_long_as_the_lamp_is_low() -> None:

@@ -57,9 +57,10 @@ def plane() -> Surface:
     )
 
 
-def texture_of(picture: Array) -> Texture:
-    surface = plane()
-    return find_texture(picture, surface, surface.seen, np.full(SHAPE, 100, np.float32))
+def texture_of(picture: Array, thrown: Array | None = None) -> Texture:
+    surface, even = plane(), np.full(SHAPE, 100, np.float32)
+    thrown = np.zeros(SHAPE, np.float32) if thrown is None else thrown
+    return find_texture(picture, surface, surface.seen, even, thrown)
 
 
 def judged(picture: Array) -> Answers:
@@ -106,6 +107,55 @@ def test_a_few_marks_do_not_move_the_tail() -> None:
     heights = (-np.log(rng.uniform(size=2000))) ** 0.5
     marked = np.concatenate([heights, np.full(20, 50.0)])
     assert Tail(marked).height(0.01) == pytest.approx(Tail(heights).height(0.01), rel=0.1)
+
+
+# --- light from neighbours -----------------------------------------------------------------------
+
+
+def bound_on_the_left(contrast: float) -> Array:
+    """What neighbours may add beside a wall along the left side, as a contrast."""
+    u, _ = grid()
+    return np.where(u < 100, np.float32(contrast), np.float32(0))
+
+
+def limit_under(picture: Array, bounced: Array) -> Array:
+    answer = answers(texture_of(picture), np.zeros(SHAPE, np.float32), bounced, RATE, WEAK)
+    return np.asarray(answer.limit[:, 60, 50], np.float32)
+
+
+def test_light_that_neighbours_might_throw_and_do_not_hides_no_mark() -> None:
+    free = limit_under(noisy(1), bound_on_the_left(0.0))
+    held = limit_under(noisy(1), bound_on_the_left(2.0))
+    assert (held <= 2.5 * free).all()
+
+
+def test_light_that_neighbours_throw_in_many_places_keeps_its_bound() -> None:
+    rng = np.random.default_rng(7)
+    glints = noisy(1)
+    for at in zip(rng.integers(8, 95, 40), rng.integers(8, 110, 40), strict=True):
+        glints = disc(glints, at, 3.0, float(rng.uniform(-0.8, 0.8)))
+    bound = bound_on_the_left(1.0)
+    quiet, lively = (limit_under(one, bound) for one in (noisy(1), glints))
+    assert (lively > 2 * quiet).all()
+
+
+def test_one_mark_does_not_raise_its_own_limit() -> None:
+    marked = disc(noisy(1), (50, 60), 4.0, -0.4)
+    bound = bound_on_the_left(2.0)
+    assert limit_under(marked, bound) == pytest.approx(limit_under(noisy(1), bound), rel=0.5)
+    answer = answers(texture_of(marked), np.zeros(SHAPE, np.float32), bound, RATE, WEAK)
+    assert (np.abs(answer.excess[:, 60, 50]) > answer.limit[:, 60, 50]).any()
+
+
+def test_light_of_a_wall_that_the_prediction_has_is_no_mark() -> None:
+    u, _ = grid()
+    thrown = np.asarray(0.6 / (1 + ((u - 4) / 6.0) ** 2), np.float32)
+    lit = noisy(2) * (1 + 0.7 * thrown)  # another albedo than the prediction's
+    nothing = np.zeros(SHAPE, np.float32)
+    known = answers(texture_of(lit, thrown), nothing, nothing, RATE, WEAK)
+    unknown = answers(texture_of(lit), nothing, nothing, RATE, WEAK)
+    highest = [float((np.abs(a.excess) / a.limit).max()) for a in (known, unknown)]
+    assert highest[0] < 1.0 < highest[1]
 
 
 # --- texture is no mark --------------------------------------------------------------------------
@@ -196,7 +246,7 @@ def test_what_is_claimed_of_a_narrow_face_is_found_there(width: int) -> None:
     found = claimed = 0
     for seed in range(12):
         at = (30 + 8 * seed, 60 - width // 2 + seed % width)
-        before = find_texture(noisy(seed), surface, surface.seen, guide)
+        before = find_texture(noisy(seed), surface, surface.seen, guide, nothing)
         answer = answers(before, nothing, nothing, RATE, WEAK)
         size = smallest_nodes(answer, before, surface.seen.astype(np.float32))["dent"][at[1], at[0]]
         if not np.isfinite(size):
@@ -204,7 +254,11 @@ def test_what_is_claimed_of_a_narrow_face_is_found_there(width: int) -> None:
         claimed += 1
         marked = disc(noisy(seed), at, size / 2, -0.3)
         after = answers(
-            find_texture(marked, surface, surface.seen, guide), nothing, nothing, RATE, WEAK
+            find_texture(marked, surface, surface.seen, guide, nothing),
+            nothing,
+            nothing,
+            RATE,
+            WEAK,
         )
         found += bool((np.abs(after.excess) > after.weak).any())
     assert claimed >= 6
@@ -249,7 +303,9 @@ def test_a_defect_on_a_narrow_face_is_cut_by_the_face_itself() -> None:
 def test_a_bright_corner_is_judged_with_its_doubt() -> None:
     picture = disc(noisy(7), (100, 40), 4, 0.3)
     nothing = np.zeros(SHAPE, dtype=np.float32)
-    doubt = np.full(SHAPE, 0.5, dtype=np.float32)
+    u, v = grid()
+    # too small a corner to show how far its light stays below the bound
+    doubt = np.where(np.hypot(u - 100, v - 40) < 5, np.float32(0.5), np.float32(0))
     for bounced, is_found in ((nothing, True), (doubt, False)):
         answer = answers(texture_of(picture), nothing, bounced, RATE, WEAK)
         assert bool((np.abs(answer.excess) > answer.limit).any()) is is_found

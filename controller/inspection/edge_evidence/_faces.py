@@ -25,6 +25,7 @@ NO_DEPTH: Final = "no picture shows how deep its floor lies"
 DISPUTED: Final = "pictures disagree on how deep its floor lies"
 NO_RIM: Final = "its rim is too short to be looked for"
 CLOSED: Final = "no light is shown to pass the bore that it leads to"
+OF_ITS_EDGES: Final = "of its edges"  # how a face is verified that no defect fits on
 PER_FACE: Final = 400  # random points per face, for its largest disc to a few per cent
 
 
@@ -115,6 +116,7 @@ def prove_faces(
     looks: Sequence[EdgeLook],
     narrow: BoolArray,
     floors: Mapping[frozenset[int], Floor],
+    smallest_mm: float,
 ) -> dict[int, FaceEdges]:
     """Return the evidence on faces from their edges, by face id.
 
@@ -130,6 +132,7 @@ def prove_faces(
     looks : looks at them
     narrow : (f,) True where no disc of the smallest defect on the face is far enough from its edges
     floors : floors of its blind holes, by their walls
+    smallest_mm : size of the smallest defect
     """
     recess_of = {wall: recess for recess in recesses for wall in recess.walls}
     held = confirmed(looks, np.stack([look.state == State.IN_PLACE for look in looks]))
@@ -153,10 +156,10 @@ def prove_faces(
             share, how, why = _blind(edges, looks, face, floors[recess.walls])
         elif narrow[face] and (not solid.faces[face].concave or solid.faces[face].kind == "cone"):
             # A rim in place does not prove the depth of a hole: walls of holes are excluded here.
-            told = _told(edges, looks, own, side)
+            told = _told(edges, looks, own, side, smallest_mm)
             why = f"{100 * told:.0f} % of its edges shown in place where a defect would move them"
             if told > GREATER_PART:
-                share, how = told, "of its edges"
+                share, how = told, OF_ITS_EDGES
         out[face] = FaceEdges(share, count, bool(how), how, "" if how else why)
     for floor in floors.values():
         _prove_floor(solid, narrow, floor, out)
@@ -168,17 +171,24 @@ def prove_faces(
     }
 
 
-def _told(edges: PartEdges, looks: Sequence[EdgeLook], own: IndexArray, side: IndexArray) -> float:
+def _told(
+    edges: PartEdges,
+    looks: Sequence[EdgeLook],
+    own: IndexArray,
+    side: IndexArray,
+    smallest_mm: float,
+) -> float:
     """Return the share of a face's edges along which the smallest defect would be visible.
 
     Parameters
     ----------
     edges, looks : edges of the part, and looks at them
     own, side : (k,) points on the face's edges, and the face's number among the two adjacent ones
+    smallest_mm : size of the smallest defect
     """
     told = [look.state == State.IN_PLACE for look in looks]
     for look, one in zip(looks, told, strict=True):
-        one[own] &= look.is_sensitive[own, side]
+        one[own] &= look.least_mm[own, side] < smallest_mm
     return _share(edges, own, confirmed(looks, np.stack(told))[own])
 
 

@@ -59,7 +59,8 @@ class EdgeLook:
     sigma_px : (n,) its standard error
     contrast : (n,) rise of brightness along the ray [grey]
     limit_px : (n,) largest offset of a good part
-    is_sensitive : (n, 2) True where the smallest defect in either face would move the edge away
+    least_mm : (n, 2) least displacement of the edge along either face that is beyond the limit; inf
+        where it stays on its line in the picture
     faces_camera : (n, 2) True where either face is turned to the camera
     light_through : (n, 2) True where the panel is visible on the side that either face is turned to
     may_glare : (n,) True where a wall at a grazing angle may reflect the panel's light
@@ -75,7 +76,7 @@ class EdgeLook:
     sigma_px: FloatArray
     contrast: FloatArray
     limit_px: FloatArray
-    is_sensitive: BoolArray
+    least_mm: FloatArray
     faces_camera: BoolArray
     light_through: BoolArray
     may_glare: BoolArray
@@ -99,7 +100,6 @@ def look_at_edges(
     view: PosedView,
     lamps: Sequence[str],
     allowed_mm: FloatArray,
-    smallest_mm: float,
     settings: MeasuringSettings,
 ) -> list[EdgeLook]:
     """Return the edges of a part in each of a view's pictures.
@@ -111,7 +111,6 @@ def look_at_edges(
     view : view with its pictures, and the part's pose
     lamps : lamps of the pictures that count, including `BACKLIT`
     allowed_mm : (f, 2) largest growth and shift of each face of a good part
-    smallest_mm : size of the smallest defect
     settings : prior uncertainties
     """
     camera, T = view.task.camera, view.T_world_part
@@ -129,7 +128,7 @@ def look_at_edges(
     pose_px = np.sqrt(
         np.maximum(np.einsum("ni,ij,nj->n", rays.pose, view.covariance, rays.pose), 0)
     )
-    along = np.abs(np.einsum("nj,nkj->nk", across, edges.into)) * smallest_mm
+    along = np.abs(np.einsum("nj,nkj->nk", across, edges.into))  # px/mm
     eye = transform(inverse_pose(T), camera.position_mm[None])[0]
     faces_camera = ((eye - edges.points_mm)[:, None, :] * edges.normals).sum(axis=2) > 0
     step = np.einsum("nj,nkj->nk", across, edges.normals)
@@ -148,12 +147,19 @@ def look_at_edges(
         out.append(
             EdgeLook(
                 view.task.view_id, lamp, *measured, limit,
-                along > limit[:, None], faces_camera, through & is_backlit,
+                _ratio(limit[:, None], along), faces_camera, through & is_backlit,
                 (rays.wall_px > 0) & is_backlit,
                 rays.pixels, rays.normals, across,
                 _in_gripper_shadow(edges, view, lamp, gripper),
             )
         )  # fmt: skip
+    return out
+
+
+def _ratio(limit_px: FloatArray, along: FloatArray) -> FloatArray:
+    """Return limits (n, 1) in displacements along faces (n, 2), whose derivatives are given."""
+    out = np.full(along.shape, np.inf)
+    np.divide(np.broadcast_to(limit_px, along.shape), along, out=out, where=along > 0)
     return out
 
 

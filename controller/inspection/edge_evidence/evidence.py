@@ -18,6 +18,7 @@ from ..dimensions import BACKLIT, MeasuringSettings, PosedView
 from ..integrity import Allowances, allowed_mm
 from ..kept import Kept
 from ._against import find_against
+from ._beside import compared_beside
 from ._damage import find_damage
 from ._depth import Floor, find_floor
 from ._displaced import find_displaced
@@ -48,6 +49,7 @@ class EdgeEvidence:
     looks : looks at the edges, picture by picture
     faces : evidence by face id
     findings : findings by view id: floors and edges out of place or missing, chips and burrs
+    compared : (s,) mask of the surface samples that edges beside them compare
     missing : edges that must be visible but are found in no picture
     """
 
@@ -55,6 +57,7 @@ class EdgeEvidence:
     looks: tuple[EdgeLook, ...]
     faces: Mapping[int, FaceEdges]
     findings: Mapping[str, tuple[Finding, ...]]
+    compared: BoolArray
     missing: tuple[MissingEdge, ...] = ()
 
 
@@ -97,12 +100,12 @@ def find_evidence(
     kept = kept or Kept()
     edges = _kept_edges(part, views, kept)
     if edges is None:
-        return EdgeEvidence(None, (), {}, {})
+        return EdgeEvidence(None, (), {}, {}, np.zeros(len(samples.points_mm), dtype=bool))
     pixel_mm = _pixel_mm(views)
     looks: list[EdgeLook] = []
     nearest: IndexArray | None = None
     for one in views:
-        found = _kept_looks(part, edges, one, limits, allowances, settings, kept)
+        found = _kept_looks(part, edges, one, allowances, settings, kept)
         if one.counted is not None:
             # Points beside samples for which the view does not count are hidden.
             if nearest is None:
@@ -114,8 +117,10 @@ def find_evidence(
     cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
     narrow = inner_mm(part.solid) < 0.5 * limits.smallest_defect_mm + around_mm / cosine
     recesses = find_recesses(part.solid)
-    floors = _floors(part, recesses, edges, looks, views, limits, allowances, settings)
-    faces = prove_faces(part.solid, recesses, edges, looks, narrow, floors)
+    floors = _floors(part, recesses, edges, looks, views, allowances, settings)
+    faces = prove_faces(
+        part.solid, recesses, edges, looks, narrow, floors, limits.smallest_defect_mm
+    )
     runs = find_displaced(edges, looks, pixel_mm, GRAINS * limits.dust_mm, allowances, settings)
     poses = {one.view.task.view_id: one.view.T_world_part for one in views}
     is_refuted = refuted(edges, runs, looks, poses, pixel_mm, allowances, settings)
@@ -140,6 +145,7 @@ def find_evidence(
             view_id: (*against.get(view_id, ()), *damage.get(view_id, ()))
             for view_id in (*against, *damage)
         },
+        compared_beside(samples, edges, looks, faces, limits.smallest_defect_mm),
         missing,
     )
 
@@ -147,7 +153,6 @@ def find_evidence(
 def look_ahead(
     part: PosedPart,
     views: Sequence[EdgeView],
-    limits: InspectionLimits,
     allowances: Allowances,
     settings: MeasuringSettings,
     kept: Kept,
@@ -158,13 +163,13 @@ def look_ahead(
 
     Parameters
     ----------
-    part, views, limits, allowances, settings : see `find_evidence`
+    part, views, allowances, settings : see `find_evidence`
     kept : store for the looks
     """
     edges = _kept_edges(part, views, kept)
     for one in views if edges is not None else ():
         assert edges is not None
-        _kept_looks(part, edges, one, limits, allowances, settings, kept)
+        _kept_looks(part, edges, one, allowances, settings, kept)
         yield
 
 
@@ -185,17 +190,15 @@ def _kept_looks(
     part: PosedPart,
     edges: PartEdges,
     one: EdgeView,
-    limits: InspectionLimits,
     allowances: Allowances,
     settings: MeasuringSettings,
     kept: Kept,
 ) -> list[EdgeLook]:
     def look() -> list[EdgeLook]:
         allowed = allowed_mm(part, allowances.tolerance_class)
-        smallest_mm = limits.smallest_defect_mm
-        return look_at_edges(part, edges, one.view, one.lamps, allowed, smallest_mm, settings)
+        return look_at_edges(part, edges, one.view, one.lamps, allowed, settings)
 
-    return kept.once(look, look_at_edges, edges, one.view, one.lamps, limits, allowances, settings)
+    return kept.once(look, look_at_edges, edges, one.view, one.lamps, allowances, settings)
 
 
 def _floors(
@@ -204,7 +207,6 @@ def _floors(
     edges: PartEdges,
     looks: Sequence[EdgeLook],
     views: Sequence[EdgeView],
-    limits: InspectionLimits,
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> dict[frozenset[int], Floor]:
@@ -216,16 +218,14 @@ def _floors(
     recesses, edges : recesses and edges of the part
     looks : looks at the edges
     views : views with the pictures that count
-    limits, allowances, settings : see `find_evidence`
+    allowances, settings : see `find_evidence`
     """
     pixel_mm = _pixel_mm(views)
-    allowed, smallest_mm = allowed_mm(part, allowances.tolerance_class), limits.smallest_defect_mm
+    allowed = allowed_mm(part, allowances.tolerance_class)
 
     def look_at(rival: PosedPart, moved: PartEdges) -> Iterator[EdgeLook]:
         for one in views:
-            yield from look_at_edges(
-                rival, moved, one.view, one.lamps, allowed, smallest_mm, settings
-            )
+            yield from look_at_edges(rival, moved, one.view, one.lamps, allowed, settings)
 
     found: dict[frozenset[int], Floor] = {}
     for recess in recesses:

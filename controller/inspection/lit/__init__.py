@@ -1,5 +1,6 @@
 """Comparison of pictures under lamps with bounds on the light: coverage and differences."""
 
+from .brightness import Polish, gloss_of
 from .compare import BURNT_GREY
 from .learned import (
     COARSE,
@@ -38,8 +39,10 @@ __all__ = [
     "LearnedPicture",
     "LearnedView",
     "LitPictures",
+    "Polish",
     "contrast",
     "filtered",
+    "gloss_of",
     "on_grid",
     "pose_gap",
     "regridded",

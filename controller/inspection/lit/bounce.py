@@ -1,10 +1,11 @@
-"""Bounds on light that part and gripper reflect on each other, after one bounce.
+"""Light that part and gripper reflect on each other, after one bounce.
 
-Light from a neighbouring surface is known at best to a bound. Where it changes slowly it belongs to
-the face's own brightness. For marks, only changes within a mark's width matter: light from nearby,
-and mirror images in a polished surface, blurred by its finish (ADR 30).
+Light from matt neighbours is predicted: each ray from a surface meets a neighbour, which the lamp
+shines on or not. Its strength is the finish's, and is fitted to the picture (ADR 122). Light from
+polished neighbours, and mirror images in a polished surface, have a bound (ADR 30).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,8 +26,6 @@ from controller.imaging import Camera, RayCaster, inverse_pose, transform
 from .._scene import SHADOW_OFFSET_MM
 from .surface import Surface
 
-# Error of a cosine, for pose and surface turned by a degree.
-COSINE_PLAY: Final = 0.02
 ALBEDO: Final = 0.8  # largest albedo of a machined surface
 BOUNCE_STEP: Final = 4  # step in nodes, since bounced light is smooth
 BOUNCE_RAYS: Final = 40
@@ -34,9 +33,8 @@ LOBE_RAD: Final = 0.2  # width of a polished neighbour's highlight, twice the sp
 POLISH: Final = 3.0  # peak brightness of a narrower highlight, as a factor
 UNEVEN_MM: Final = 2.0  # distance from which light changes by half within a defect's width
 # Spread of a ray by a polished surface, twice the tilt of its facets: twice the narrowest of
-# `HIGHLIGHT_WIDTHS_RAD`. A matt surface spreads it over the hemisphere.
+# `HIGHLIGHT_WIDTHS_RAD`.
 POLISHED_SPREAD_RAD: Final = 0.17
-MATT_SPREAD_RAD: Final = 1.0
 # Directions about the mirror direction that a polished surface shows, within its lobe.
 MIRROR_SPREAD: Final = ((0.0, 0.0), (0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15))
 EVEN_NORMALS: Final = 0.999  # length of the mean of unit normals that differ by a few degrees
@@ -138,43 +136,47 @@ def find_neighbours(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Bounced:
-    """Upper bounds of light bounced once, (h, w), in units of a matt surface square to the lamp.
+    """Light bounced once, (h, w), in units of a matt surface square to the lamp.
 
     Attributes
     ----------
-    matt : light from matt neighbours
-    uneven : the portion of it that may change within a defect's width
-    mirrored : light from a polished neighbour that mirrors the lamp, or by a polished surface that
-        mirrors its neighbours
+    matt : light from matt neighbours of the albedo `ALBEDO`, predicted
+    most : its maximum about each node, on its own face
+    mirrored : upper bound on light from a polished neighbour that mirrors the lamp, or by a
+        polished surface that mirrors its neighbours
     mirrored_uneven : the portion of it that may change within a defect's width
     """
 
     matt: Float32Array
-    uneven: Float32Array
+    most: Float32Array
     mirrored: Float32Array
     mirrored_uneven: Float32Array
 
 
-def bounced_light(about: Neighbours, source: FloatArray, reference: float) -> Bounced:
-    """Return an upper bound on light reflected between part and gripper, after one bounce.
-
-    Each surface hit by a ray is assumed to lie in the open before the lamp, and to reflect
-    `ALBEDO` of the light on it.
+def bounced_light(
+    about: Neighbours,
+    source: FloatArray,
+    reference: float,
+    is_reached: Callable[[FloatArray, FloatArray], BoolArray],
+) -> Bounced:
+    """Return the light reflected between part and gripper, after one bounce.
 
     Parameters
     ----------
     about : surroundings of the surface
     source : (3,) centre of the lamp, world
     reference : distance [mm] at which the lamp's light counts as 1
+    is_reached : mask (k,) of the points with some normals (k, 3), world, that the lamp reaches
     """
     count = len(about.points)
-    total = np.zeros((4, count))
-    for met in about.around:
-        matt, glossy = _thrown(met, about.points, source, reference)
-        diffuse = ALBEDO * matt
-        near = _unevenness(met.distance_mm, MATT_SPREAD_RAD)
-        sharp = _unevenness(met.distance_mm, POLISHED_SPREAD_RAD)
-        thrown = np.stack([diffuse, near * diffuse, glossy, sharp * glossy])
+    total = np.zeros((3, count))
+    every = [
+        (met, *_thrown(met, about.points, source, reference), _unevenness(met.distance_mm))
+        for met in about.around
+    ]
+    reached = _reached([met for met, *_ in every], is_reached)
+    for (met, matt, glossy, sharp), lit in zip(every, reached, strict=True):
+        thrown = np.stack([ALBEDO * matt * lit, glossy, sharp * glossy])
         total[:, met.hit] += thrown / BOUNCE_RAYS
     lights, facing = (np.zeros((len(about.mirrored), count, k)) for k in (1, 3))
     nearest_mm = np.full(count, np.inf)
@@ -187,17 +189,33 @@ def bounced_light(about: Neighbours, source: FloatArray, reference: float) -> Bo
         same = np.linalg.norm(facing.mean(axis=0), axis=1) > EVEN_NORMALS
         most, least = lights.max(axis=0)[:, 0], lights.min(axis=0)[:, 0]
         image = np.where(same, most - least, most)
-        sharp = _unevenness(nearest_mm, POLISHED_SPREAD_RAD)
-        total[2:] = np.maximum(total[2:], np.stack([image, sharp * image]))
-    out = np.zeros((4, *about.coarse.shape), dtype=np.float32)
+        total[1:] = np.maximum(total[1:], np.stack([image, _unevenness(nearest_mm) * image]))
+    out = np.zeros((3, *about.coarse.shape), dtype=np.float32)
     out[:, about.coarse] = total
     matt, *others = out
-    return Bounced(_most_about(matt, about.face), *(_between(one, about.face) for one in others))
+    return Bounced(
+        _between(matt, about.face),
+        _most_about(matt, about.face),
+        *(_between(one, about.face) for one in others),
+    )
 
 
-def _unevenness(distance_mm: FloatArray, spread_rad: float) -> FloatArray:
-    """Return the share (k,) of light from some distances that may change within a defect."""
-    return 1.0 / (1.0 + (spread_rad * distance_mm / UNEVEN_MM) ** 2)
+def _reached(
+    every: list[Met], is_reached: Callable[[FloatArray, FloatArray], BoolArray]
+) -> list[BoolArray]:
+    """Return a mask of the points met that the lamp reaches, for each set of rays."""
+    if not every:
+        return []
+    ends = np.cumsum([len(met.hit) for met in every])[:-1]
+    points, normals = (
+        np.concatenate([getattr(met, name) for met in every]) for name in ("points", "normals")
+    )
+    return np.split(is_reached(points, normals), ends)
+
+
+def _unevenness(distance_mm: FloatArray) -> FloatArray:
+    """Return the share (k,) of mirrored light from afar that may change within a defect."""
+    return 1.0 / (1.0 + (POLISHED_SPREAD_RAD * distance_mm / UNEVEN_MM) ** 2)
 
 
 def _thrown(
@@ -213,7 +231,7 @@ def _thrown(
     half /= np.maximum(lengths(half), 1e-9)[:, None]
     angle = np.arccos(np.clip(inner(half, met.normals), -1.0, 1.0))
     lobe = np.exp(-0.5 * (angle / LOBE_RAD) ** 2) / (8 * LOBE_RAD**2)
-    return np.clip(cosine + COSINE_PLAY, 0.0, 1.0) * fall, POLISH * lobe * fall * (cosine > 0)
+    return np.maximum(cosine, 0.0) * fall, POLISH * lobe * fall * (cosine > 0)
 
 
 def _most_about(coarse: Float32Array, face: Int32Array) -> Float32Array:

@@ -6,6 +6,7 @@ share below zero. The deviation of the picture from the fit is the prediction's 
 where highlights or bounced light dominate.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -44,24 +45,56 @@ class Brightness:
     Attributes
     ----------
     predicted : prediction with shadows and bounced light
-    direct : prediction without bounced light, whose bound is discontinuous
     unshaded : prediction without shadows
     spread, spread_open : relative standard deviations of the prediction, and of `unshaded`
     tone : brightness of the node's face as a whole relative to the prediction, from its lit nodes
     misfit : share by which at least a tenth of the fitted nodes is off
     typical : median of the same
-    gloss : highest possible polish of the finish, from 0 to 1
+    polish : evidence on the polish of the finish
     """
 
     predicted: Float32Array
-    direct: Float32Array
     unshaded: Float32Array
     spread: Float32Array
     spread_open: Float32Array
     tone: Float32Array
     misfit: float
     typical: float
-    gloss: float
+    polish: "Polish"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Polish:
+    """Evidence of a picture on the highlights of a finish, by their width.
+
+    Attributes
+    ----------
+    peaks : (k,) of highlights, in matt shares
+    information : (k, k) inverse of their covariance, from the picture alone
+    """
+
+    peaks: FloatArray
+    information: FloatArray
+
+
+def gloss_of(evidence: Sequence[Polish]) -> float:
+    """Return the highest possible polish of a finish, from 0 to 1, by all pictures of a part.
+
+    It follows from the highlights plus two standard deviations. A finish with highlights half as
+    bright has wider ones, so a mirror image in it is a quarter as bright at any place. A picture
+    whose lamp is mirrored nowhere near the camera tells little, and pictures together tell more.
+
+    Parameters
+    ----------
+    evidence : of pictures; with none the finish may be polished
+    """
+    if not evidence:
+        return 1.0
+    prior = np.eye(len(evidence[0].peaks)) / PRIOR_SHARE**2
+    covariance = np.linalg.inv(prior + np.sum([one.information for one in evidence], axis=0))
+    peaks = covariance @ np.sum([one.information @ one.peaks for one in evidence], axis=0)
+    most = float(np.maximum(peaks, 0.0).sum()) + 2 * float(np.sqrt(covariance.sum()))
+    return float(min(most / POLISHED, 1.0)) ** 2
 
 
 def fit_brightness(
@@ -83,12 +116,12 @@ def fit_brightness(
     chosen = index[:: max(1, len(index) // FIT_SAMPLE)]
     count = min(PIECES * len(np.unique(face[fitting])), len(chosen))
     lights = columns.reshape(-1, columns.shape[-1])[chosen].astype(np.float64)
-    shares, information = _shares(lights, observed.ravel()[chosen].astype(np.float64), count)
+    b = observed.ravel()[chosen].astype(np.float64)
+    shares, information, prior = _shares(lights, b, count)
     predicted = (columns @ shares.astype(np.float32)).astype(np.float32)
     half = np.linalg.cholesky(np.linalg.inv(information)).astype(np.float32)
     unsure = np.linalg.norm(columns @ half, axis=-1) / np.maximum(predicted, FAINT_GREY)
     parts = [np.float32(k) * columns[..., i] for i, k in enumerate(shares)]
-    direct = (predicted - parts[-2]).astype(np.float32)
     # In the open a surface has all of the lamp's light, but its highlight is no better known.
     columns[..., 0] = light.open
     unshaded = (columns @ shares.astype(np.float32)).astype(np.float32)
@@ -103,13 +136,16 @@ def fit_brightness(
     )
     whole = np.abs(off[fitting] - np.median(off[fitting]))
     return Brightness(
-        predicted, direct, unshaded, spread, spread_open, tone,
-        float(np.quantile(whole, 0.9)), float(np.median(whole)), _gloss(shares, information),
+        predicted, unshaded, spread, spread_open, tone,
+        float(np.quantile(whole, 0.9)), float(np.median(whole)),
+        _polish(shares, information, prior),
     )  # fmt: skip
 
 
-def _shares(lights: FloatArray, b: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return the shares (columns,) of light, none negative, and their information matrix.
+def _shares(
+    lights: FloatArray, b: FloatArray, count: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the shares (columns,) of light, none negative, their information matrix and prior.
 
     The prior is a matt surface; highlights, bounced and stray light need evidence.
 
@@ -135,19 +171,20 @@ def _shares(lights: FloatArray, b: FloatArray, count: int) -> tuple[FloatArray, 
         weight = np.minimum(1.0, OUTLYING * error / np.maximum(off, 1e-9)) / scale
     weighed = lights * weight[:, None]
     information = weighed.T @ weighed * (count / len(b)) / error**2 + np.diag(prior**2 + TINY)
-    return solution, information
+    return solution, information, prior
 
 
-def _gloss(shares: FloatArray, information: FloatArray) -> float:
-    """Return the highest possible polish of a finish, from highlights plus two deviations.
-
-    A finish with highlights half as bright has wider ones, so a mirror image in it is a quarter as
-    bright at any place.
-    """
-    glints = slice(1, -2)
-    unsure = float(np.sqrt(np.linalg.inv(information)[glints, glints].sum()))
-    most = float(shares[glints].sum()) + 2 * unsure
-    return float(min(most / max(float(shares[0]), TINY) / POLISHED, 1.0)) ** 2
+def _polish(shares: FloatArray, information: FloatArray, prior: FloatArray) -> Polish:
+    """Return the evidence on highlights; the other shares may be anything that fits."""
+    glint = np.arange(1, len(shares) - 2)
+    other = np.array([0, len(shares) - 2, len(shares) - 1])
+    data = information - np.diag(prior**2 + TINY)
+    across = data[np.ix_(glint, other)]
+    alone = data[np.ix_(glint, glint)] - across @ np.linalg.solve(
+        information[np.ix_(other, other)], across.T
+    )
+    matt = max(float(shares[0]), TINY)
+    return Polish(shares[glint] / matt, alone * matt**2)
 
 
 def _tones(

@@ -32,9 +32,7 @@ HALF: Final = 0.5  # change of brightness to detect: to half of the prediction, 
 TWICE: Final = 2.0
 UNLIT_GREY: Final = 25.0
 PENUMBRA_SHARE: Final = 0.25
-# Bounced light above which a node is uncertain, in units of a matt surface square to the lamp.
-BOUNCE: Final = 0.15
-GLOSS: Final = 3.0  # light from glossy neighbours in one direction, relative to matt ones
+GLOSS: Final = 3.0  # light from polished neighbours in one direction, relative to matt ones
 BURNT_GREY: Final = 252
 MAX_BURNT: Final = 0.5  # largest burnt-out share of the lit surface; the rest is still compared
 # Share of a face's nodes that are wrong together, from which its light is not understood.
@@ -72,7 +70,7 @@ def fitted_nodes(surface: Surface, light: Light, valid: BoolArray) -> BoolArray:
     light : bounds on the lamp's light
     valid : mask inside the outline, and not beside the gripper
     """
-    out: BoolArray = surface.seen & valid & ~in_penumbra(light) & (light.bounced.matt < BOUNCE)
+    out: BoolArray = surface.seen & valid & ~in_penumbra(light)
     return out & (light.least > FITTED_LIGHT) & (surface.cosine > STEEPEST)
 
 
@@ -81,6 +79,7 @@ def compare(
     surface: Surface,
     light: Light,
     brightness: Brightness,
+    gloss: float,
     valid: BoolArray,
     ground: float,
     limits: InspectionLimits,
@@ -94,6 +93,7 @@ def compare(
     surface : surface of the part seen by the nodes
     light : bounds on the lamp's light on it
     brightness : brightness fitted to the picture
+    gloss : highest possible polish of the finish, from 0 to 1
     valid : mask inside the outline, not beside the gripper or in its shadow
     ground : brightness of the wall behind the part
     limits : limits of the differences
@@ -111,10 +111,10 @@ def compare(
     half_width = 0.5 * (light.most - light.least)
     width = np.where(light.most > 0.02, scale * half_width, 0.0)
     low = np.maximum(middle - width, 0.0) * (1 - np.minimum(play, 1.0))
-    from_others = np.maximum(light.bounced.matt, brightness.gloss * light.bounced.mirrored)
+    from_others = np.maximum(light.bounced.most, gloss * light.bounced.mirrored)
     bounced = unshaded * np.minimum(from_others, 1.0)
     own = (middle + width) * (1 + play)
-    high = own + GLOSS * bounced
+    high = own + np.float32(1 + (GLOSS - 1) * gloss) * bounced
     penumbra = in_penumbra(light)
     high = np.where(penumbra, np.maximum(high, unshaded * (1 + play) + bounced), high)
     kernel = np.ones((3, 3), np.uint8)

@@ -139,7 +139,7 @@ def ratio(observed: Float32Array, brightness: Brightness) -> Float32Array:
     observed : (h, w) grey
     brightness : brightness fitted to the picture
     """
-    expected = np.maximum(brightness.direct, np.float32(0)) + np.float32(DARK_GREY)
+    expected = np.maximum(brightness.predicted, np.float32(0)) + np.float32(DARK_GREY)
     return np.asarray(np.log((observed + np.float32(DARK_GREY)) / expected), np.float32)
 
 

@@ -16,9 +16,10 @@ from controller.arrays import BoolArray, Float32Array, FloatArray, inner, length
 from controller.imaging import Camera, PointLamp, RayCaster, inverse_pose, transform
 
 from .._scene import SHADOW_OFFSET_MM, lamp_points
-from .bounce import COSINE_PLAY, Bounced, Neighbours, bounced_light
+from .bounce import Bounced, Neighbours, bounced_light
 from .surface import Surface
 
+COSINE_PLAY: Final = 0.02  # error of a cosine, for pose and surface turned by a degree
 BLUR_NODES: Final = 3  # window of nodes within which a shadow's border may lie elsewhere
 HIGHLIGHT_WIDTHS_RAD: Final = tuple(float(np.radians(d)) for d in (5.0, 9.0, 13.0, 18.0))
 
@@ -31,7 +32,7 @@ class Light:
     ----------
     least, most : bounds without highlight and bounce
     open : light without shadows
-    bounced : largest additional light from bounces
+    bounced : additional light from bounces
     glints : bounds on the highlight, by its width (`HIGHLIGHT_WIDTHS_RAD`)
     touched : mask of nodes where the gripper blocks light
     partly : mask of nodes from which a portion of the lamp may be hidden
@@ -124,13 +125,27 @@ def bound_light(
 
     shaded = np.zeros(shape, dtype=bool)
     shaded[seen] = touched
+    centre = sources.mean(axis=0)
+
+    def is_reached(points: FloatArray, normals: FloatArray) -> BoolArray:
+        towards = centre - points
+        distance = lengths(towards)
+        unit = towards / distance[:, None]
+        open_to = inner(unit, normals) > 0
+        facing = np.flatnonzero(open_to)
+        off = points[facing] + SHADOW_OFFSET_MM * normals[facing]
+        hidden = caster.blocked(transform(T_part_world, off), unit[facing] @ T_world_part[:3, :3])
+        if others is not None:
+            hidden |= others.blocked(off, unit[facing], distance[facing])
+        open_to[facing[hidden]] = False
+        return open_to
 
     # The distribution of light over a ring is unknown: a visible portion may have all of it.
     partly = (reached > 0.01) & (reached < 0.99)
     most = np.where(partly[seen], np.maximum(most, bare), most)
     return Light(
         spread(least), spread(most), spread(bare),
-        bounced_light(about, sources.mean(axis=0), reference),
+        bounced_light(about, centre, reference, is_reached),
         tuple((spread(a), spread(b)) for a, b in zip(dims, brights, strict=True)), shaded, partly,
     )  # fmt: skip
 

@@ -42,6 +42,9 @@ QUIETEST: Final = 0.002  # least contrast assumed for a face's texture
 # degrees, a scratch of bare metal, a film that darkens.
 CONTRASTS: Final = MappingProxyType({"dent": 0.3, "scratch": 0.2, "stain": 0.15})
 MIN_CONTRAST: Final = 0.1  # least contrast of a mark; a weaker difference is finish
+VEIL_GREY: Final = 1.5  # light that a lens scatters from bright places into dark ones beside them
+# Share of `MIN_CONTRAST` from which bounced light counts in what a picture shows of its bound.
+BOUNCE_MATTERS: Final = 0.5
 DISC: Final = 1.4  # radius of a spot, in standard deviations of the filter that responds most
 FILTER_STEP: Final = 5 / 3  # ratio of one spot filter's width to the next
 # A spot filter's response to a disc larger by so many steps, as a share of its largest; of a much
@@ -106,7 +109,7 @@ def answers(
     inside = (texture.region > 0).astype(np.float32)
     weights = _weights(inside)
     excess = _filtered(texture.contrast, inside, weights)
-    if texture.curved.any():
+    if texture.shaped.any():
         kernel = np.ones((3, 3), np.uint8)
         for raw, by_shape in zip(excess, _filtered(texture.shape, inside, weights), strict=True):
             explained = WRONG_SHAPE * cv2.dilate(np.abs(by_shape), kernel)
@@ -131,9 +134,12 @@ def answers(
     whole = [*np.maximum(gain, MIN_GAIN * _spot_gain()), *[np.float32(_line_gain())] * DIRECTIONS]
     limit, low = np.empty_like(scatter), np.empty_like(scatter)
     about = _within_reach(bounced * inside)
+    veil = _within_reach(VEIL_GREY / np.maximum(texture.smooth, 1.0) * inside)
+    shown = _shown_of_bound(excess, whole, about, texture.region, rate)
     for i, (some, one) in enumerate(zip(scatter, tails, strict=True)):
         sure, weak = one.height(rate / count), one.height(weak_rate / count)
-        least = whole[i] * (MIN_CONTRAST + about[REACH_NODES[i]])
+        reach = REACH_NODES[i]
+        least = whole[i] * (MIN_CONTRAST + veil[reach] + shown * about[reach])
         np.maximum(np.float64(sure) * some, least, out=limit[i], casting="same_kind")
         np.maximum(np.float64(min(weak, sure)) * some, least, out=low[i], casting="same_kind")
     if known is not None:
@@ -172,14 +178,47 @@ def filtered(contrast: Float32Array, mask: BoolArray) -> Float32Array:
     return _filtered(contrast, inside, _weights(inside))
 
 
-def _within_reach(bounced: Float32Array) -> dict[float, Float32Array]:
-    """Return the most bounced light within each filter's reach of a node (h, w)."""
+def _within_reach(light: Float32Array) -> dict[float, Float32Array]:
+    """Return the most light within each filter's reach of a node (h, w)."""
     by_reach: dict[float, Float32Array] = {}
     for reach in dict.fromkeys(REACH_NODES):
         size = 2 * int(np.ceil(reach)) + 1
         kernel = np.ones((size, size), np.uint8)
-        by_reach[reach] = np.asarray(cv2.dilate(bounced, kernel), np.float32)
+        by_reach[reach] = np.asarray(cv2.dilate(light, kernel), np.float32)
     return by_reach
+
+
+def _shown_of_bound(
+    excess: Float32Array,
+    whole: Sequence[Float32Array],
+    about: Mapping[float, Float32Array],
+    region: Int32Array,
+    rate: float,
+) -> np.float32:
+    """Return the share of the bound on bounced light that a picture shows, at most 1.
+
+    The bound holds for any finish, and most finishes stay far below it. What faces beside their
+    neighbours answer tells how far: the share that the tail of their maxima exceeds as often as the
+    setting allows. A mark is a few maxima of many, and does not move the tail.
+
+    Parameters
+    ----------
+    excess : responses of the filters (filters, h, w)
+    whole : each filter's response to a whole mark of contrast 1
+    about : most bounced light (h, w) within a reach, as a contrast
+    region : (h, w) pieces of faces, 0 where nothing is compared
+    rate : see `answers`
+    """
+    shares = []
+    for signed, gain, reach in zip(excess, whole, REACH_NODES, strict=True):
+        bound = about[reach]
+        counts = bound > BOUNCE_MATTERS * MIN_CONTRAST
+        share = np.where(counts, np.abs(signed) / np.maximum(gain * bound, 1e-6), 0)
+        shares.append(_maxima(share.astype(np.float32), np.where(counts, region, 0)))
+    pooled = np.concatenate(shares)
+    if len(pooled) < MIN_MAXIMA * FILTER_COUNT:
+        return np.float32(1.0)
+    return np.float32(min(Tail(pooled).height(rate), 1.0))
 
 
 class Tail:

@@ -20,7 +20,7 @@ from .._scene import HOLDER_MARGIN_PX, MAX_INCIDENCE_COS, ViewScene, Visibility
 from .._types import Check, Finding, FindingKind, InspectionLimits, Unjudged, ViewTask
 from ..registration import Registration, picture_noise, register, register_edges
 from .bounce import Neighbours, find_neighbours
-from .brightness import Brightness, fit_brightness
+from .brightness import Brightness, Polish, fit_brightness
 from .claims import near_own_face, share_of_face
 from .compare import (
     BURNT_GREY,
@@ -67,7 +67,6 @@ SPREAD_NODES: Final = 8  # step in nodes: the pose's spread changes slowly
 BOUNCED: Final = 1.5  # light that a glossy corner adds in one place, in that of matt neighbours
 PARTLY_NODES: Final = 2  # width in nodes: lamps are a little larger than their centres suggest
 LIT: Final = 0.05  # least light that shows texture, in that of a surface square to the lamp
-VEIL_GREY: Final = 1.5  # light that a lens scatters from bright places into dark ones beside them
 MIN_NOISE_GREY: Final = 0.3  # least noise, in grey levels of eight bits
 
 
@@ -129,6 +128,7 @@ class LitPictures:
         self._pictures = pictures
         self._lit_by: dict[str, _LitPicture] = {}
         self._fits: dict[str, Brightness] = {}
+        self._refusals: dict[str, str | None] = {}
         whole, step = fit.maps, STEP_PX
         nodes = ViewMaps(whole.roi, whole.triangle[::step, ::step], whole.depth_mm[::step, ::step])
         self._surface = find_surface(part.solid, nodes, fit.T_world_part, task.camera, step)
@@ -214,6 +214,15 @@ class LitPictures:
         """Pixel (x, y) of the first node."""
         return self._fit.maps.roi[:2]
 
+    @property
+    def polish(self) -> tuple[Polish, ...]:
+        """Evidence on the polish of the finish, of each picture that proves anything."""
+        return tuple(
+            self._brightness(lamp.name).polish
+            for lamp in self._task.lamps
+            if self.refusal(lamp.name) == ""
+        )
+
     def refusal(self, lamp_name: str) -> str | None:
         """Return why a lamp's picture proves nothing, empty if it does; None if it lights nothing.
 
@@ -221,13 +230,17 @@ class LitPictures:
         ----------
         lamp_name : one of the view's lamps
         """
-        lit = self._lit(lamp_name)
+        if lamp_name not in self._refusals:
+            self._refusals[lamp_name] = self._refusal(self._lit(lamp_name))
+        return self._refusals[lamp_name]
+
+    def _refusal(self, lit: "_LitPicture") -> str | None:
         if reason := self._misfit(lit):
             return reason
         if not lit.is_told:
             # nothing that this lamp is known to light is in sight: nothing is compared or found
             return None
-        brightness = self._brightness(lamp_name)
+        brightness = self._brightness(lit.name)
         return self._unlike(lit, brightness) or self._other_lamp(lit, brightness)
 
     def ratio(self, lamp_name: str) -> tuple[Float32Array, BoolArray]:
@@ -243,13 +256,14 @@ class LitPictures:
         return ratio(observed, self._brightness(lamp_name)), good
 
     def check(
-        self, lamp_name: str, learned: LearnedView | None = None
+        self, lamp_name: str, gloss: float, learned: LearnedView | None = None
     ) -> tuple[Check, list[Finding], NDArray[np.uint8]]:
         """Return the check of a lamp's picture, its findings, and the reasons for the rest (n,).
 
         Parameters
         ----------
         lamp_name : one of the view's lamps
+        gloss : highest possible polish of the finish, from 0 to 1
         learned : the same view of good parts; None for none
         """
         task, limits = self._task, self._task.limits
@@ -259,17 +273,17 @@ class LitPictures:
             why = Unjudged.UNLIT if reason is None else Unjudged.LAMP
             code = np.where(self.visible.free, why.number, 0)
             return Check(lamp_name, reason or "", self._none()), [], code.astype(np.uint8)
-        brightness = replace(self._brightness(lamp_name), gloss=self._gloss)
+        brightness = self._brightness(lamp_name)
         outcome = compare(
-            lit.observed, self._surface, lit.light, brightness, lit.valid, lit.ground, limits,
-            self._flattest,
+            lit.observed, self._surface, lit.light, brightness, gloss, lit.valid, lit.ground,
+            limits, self._flattest,
         )  # fmt: skip
         found = self._wrong_light(lamp_name, outcome)
-        texture, noise, bounced, known = self._texture(lit, brightness, learned)
+        texture, noise, bounced, known = self._texture(lit, brightness, gloss, learned)
         answer = answers(texture, noise, bounced, limits.false_marks, limits.weak_marks, known)
         if answer.noisier > OTHER_FINISH:
             # not what was learned: prediction decides
-            texture, noise, bounced, known = self._texture(lit, brightness, None)
+            texture, noise, bounced, known = self._texture(lit, brightness, gloss, None)
             answer = answers(texture, noise, bounced, limits.false_marks, limits.weak_marks)
         found += local_findings(
             answer,
@@ -333,16 +347,6 @@ class LitPictures:
             )
         return self._fits[lamp_name]
 
-    @cached_property
-    def _gloss(self) -> float:
-        """Highest possible polish of the finish, by the lamp that shows most of it."""
-        told = [
-            self._brightness(lamp.name).gloss
-            for lamp in self._task.lamps
-            if self._lit(lamp.name).is_told
-        ]
-        return min(told, default=1.0)
-
     def _other_lamp(self, mine: "_LitPicture", brightness: Brightness) -> str:
         """Return another lamp of the view that explains a picture far better, empty if none."""
         for lamp in self._task.lamps:
@@ -403,7 +407,7 @@ class LitPictures:
         )  # fmt: skip
 
     def _texture(
-        self, lit: "_LitPicture", brightness: Brightness, learned: LearnedView | None
+        self, lit: "_LitPicture", brightness: Brightness, gloss: float, learned: LearnedView | None
     ) -> tuple[Texture, Float32Array, Float32Array, Known | None]:
         """Return the texture under a lamp, the camera's noise, bounced light, and good parts."""
         x0, y0, x1, y1 = self._fit.maps.roi
@@ -418,14 +422,13 @@ class LitPictures:
             texture = learned_texture(contrast(ratios, known.mean, known.mask), grey, known.mask)
         else:
             texture = self._own_texture(lit, brightness)
-            uneven = lit.light.bounced.uneven + brightness.gloss * lit.light.bounced.mirrored_uneven
+            uneven = gloss * lit.light.bounced.mirrored_uneven
             uneven = np.asarray(uneven / np.maximum(lit.light.least, LIT), np.float32)
             bounced = np.where(self._surface.seen, np.float32(BOUNCED) * uneven, np.float32(0))
         window = lit.picture[y0:y1, x0:x1].astype(np.float32)
         grey_noise = max(picture_noise(window), MIN_NOISE_GREY) / STEP_PX
         noise = np.asarray(grey_noise / np.maximum(texture.smooth, 1.0), np.float32)
-        veil = VEIL_GREY / np.maximum(texture.smooth, 1.0)
-        return texture, noise, np.asarray(bounced + veil, np.float32), known
+        return texture, noise, bounced, known
 
     def _own_texture(self, lit: "_LitPicture", brightness: Brightness) -> Texture:
         """Return the texture of faces under a lamp about their own smooth brightness."""
@@ -436,8 +439,9 @@ class LitPictures:
         sure = cv2.erode(good.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
         usable = self._smooth_faces & (sure > 0)
         usable &= observed < BURNT_GREY
-        predicted = np.where(seen, brightness.direct, np.float32(0))
-        return find_texture(observed, self._surface, usable, predicted)
+        predicted = np.where(seen, brightness.predicted, np.float32(0))
+        thrown = light.bounced.matt / np.maximum(0.5 * (light.least + light.most), LIT)
+        return find_texture(observed, self._surface, usable, predicted, thrown)
 
     def _averaged(self, lamp_name: str) -> Float32Array:
         """Return a lamp's picture as the mean of each node's pixels (h, w) [grey]."""
@@ -450,8 +454,8 @@ class LitPictures:
 
     def _expected_grey(self, lamp_name: str, mean: Float32Array) -> Float32Array:
         """Return the brightness (h, w) of good parts with this mean logarithm of the ratio."""
-        direct = np.maximum(self._brightness(lamp_name).direct, np.float32(0))
-        return np.asarray((direct + DARK_GREY) * np.exp(mean) - DARK_GREY, np.float32)
+        predicted = np.maximum(self._brightness(lamp_name).predicted, np.float32(0))
+        return np.asarray((predicted + DARK_GREY) * np.exp(mean) - DARK_GREY, np.float32)
 
     def _misfit(self, lit: "_LitPicture") -> str:
         """Return the reason why a lit picture misses the pose or is not sharp; empty if neither."""

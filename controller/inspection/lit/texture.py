@@ -27,6 +27,7 @@ SLOW_NODES: Final = 14.0  # length above which changes are due to finish or ligh
 DARKEST_GREY: Final = 6.0  # level below which contrast is relative to this level
 # Ratio of the spreads of a ruled face's normals, along its lines and across them.
 RULED: Final = 0.05
+UNEVEN: Final = 0.02  # range of normals, or of neighbours' light, that shapes a face's brightness
 RULED_COUNT: Final = 40  # number of nodes per bin of normals
 
 
@@ -41,14 +42,14 @@ class Texture:
     smooth : the brightness itself [grey]
     shape : contrast that the fitted brightness has by itself, as at a highlight's border: what of
         it is wrong is left in `contrast`
-    curved : (count + 1,) by region: its normals vary
+    shaped : (count + 1,) by region: its normals vary, or the light that its neighbours throw
     """
 
     region: Int32Array
     contrast: Float32Array
     smooth: Float32Array
     shape: Float32Array
-    curved: BoolArray
+    shaped: BoolArray
 
 
 def feature_edges(surface: Surface) -> BoolArray:
@@ -90,7 +91,11 @@ def learned_texture(contrast: Float32Array, smooth: Float32Array, mask: BoolArra
 
 
 def find_texture(
-    observed: Float32Array, surface: Surface, usable: BoolArray, predicted: Float32Array
+    observed: Float32Array,
+    surface: Surface,
+    usable: BoolArray,
+    predicted: Float32Array,
+    thrown: Float32Array,
 ) -> Texture:
     """Return the texture of a picture's faces.
 
@@ -101,6 +106,7 @@ def find_texture(
     usable : (h, w) on smooth faces, off edges and borders of shadows, so that pieces of two faces
         do not touch
     predicted : (h, w) grey, to any factor face by face
+    thrown : (h, w) light from neighbours as a share of the lamp's own, to any factor
     """
     count, label, stats, _ = cv2.connectedComponentsWithStats(
         usable.astype(np.uint8), connectivity=4
@@ -109,7 +115,7 @@ def find_texture(
     too_small[0] = True
     label[too_small[label]] = 0
     smooth = np.ones(observed.shape, dtype=np.float32)
-    curved = np.zeros(count, dtype=bool)
+    shaped = np.zeros(count, dtype=bool)
     normal = np.zeros((*observed.shape, 3), dtype=np.float32)
     normal[surface.seen] = surface.normals
     for i in np.flatnonzero(~too_small).tolist():
@@ -117,24 +123,28 @@ def find_texture(
         window = (slice(y, y + h), slice(x, x + w))
         here = label[window] == i
         normals = normal[window][here]
-        curved[i] = float(np.ptp(normals, axis=0).max()) > 0.02
-        fitted = _smooth(observed[window], predicted[window], here, normals, bool(curved[i]))
+        is_curved = float(np.ptp(normals, axis=0).max()) > UNEVEN
+        shaped[i] = is_curved or float(np.ptp(thrown[window][here])) > UNEVEN
+        fitted = _smooth(
+            observed[window], predicted[window], thrown[window], here, normals, is_curved
+        )
         smooth[window][here] = fitted
     inside = label > 0
     contrast = np.where(inside, (observed - smooth) / np.maximum(smooth, DARKEST_GREY), 0.0)
     weight = inside.astype(np.float32)
     contrast = _high_pass(np.asarray(contrast, np.float32), weight)
     shape = np.zeros_like(contrast)
-    bent = curved[label]
+    bent = shaped[label]
     if bent.any():
         mean = _slow(np.where(bent, smooth, 0).astype(np.float32), bent.astype(np.float32))
         shape = np.where(bent, smooth / np.maximum(mean, 1.0) - 1.0, 0.0).astype(np.float32)
-    return Texture(label.astype(np.int32), contrast, smooth, shape, curved)
+    return Texture(label.astype(np.int32), contrast, smooth, shape, shaped)
 
 
 def _smooth(
     observed: Float32Array,
     predicted: Float32Array,
+    thrown: Float32Array,
     here: BoolArray,
     normals: Float32Array,
     is_curved: bool,
@@ -149,6 +159,7 @@ def _smooth(
     guide /= max(float(guide.mean()), 1e-3)
     slow = [np.ones_like(x), x, y, x * x, x * y, y * y]
     guided = [guide, guide * x, guide * y] if is_curved else [guide]
+    guided.append(guide * thrown[here])
     design = np.stack([*guided, *slow], axis=1)
     chosen = slice(None, None, max(1, len(values) // FITTED_COUNT))
     terms, b = design[chosen], values[chosen]
