@@ -4,7 +4,7 @@ Arrays in, dataclasses out (cell-facts.md 3).
 """
 
 from ._gathered import by_place
-from ._judge import FaceVerdict, PartVerdict, judge
+from ._judge import MIN_FACE_SHARE, FaceVerdict, PartVerdict, judge
 from ._pose import MEASURED_HOLD, PLANNED_HOLD, PosedPart
 from ._scene import before_part, box_mesh, make_scene
 from ._types import (
@@ -39,6 +39,7 @@ from .view import LocatedView, inspect_view, locate_view
 __all__ = [
     "KINDS",
     "MEASURED_HOLD",
+    "MIN_FACE_SHARE",
     "MIN_PARTS",
     "MIN_WIDTH_PX",
     "OUTLINE",

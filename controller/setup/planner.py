@@ -13,7 +13,7 @@ from controller.cad import counted_defect_mm
 from controller.cad.compiled import CompiledPart
 from controller.config import Cell, Recipe
 from controller.config.recipe import GraspSection, InspectionSection
-from controller.inspection import MIN_WIDTH_PX
+from controller.inspection import MIN_FACE_SHARE, MIN_WIDTH_PX
 from controller.planning import CellLayout, Jaw, Plan, PlanOptions
 
 from .layout import build_layout
@@ -147,6 +147,7 @@ def planner_setup(
         max_incidence_deg=wanted.max_incidence_deg,
         min_px_per_mm=DEFECT_PX / wanted.smallest_defect_mm,
         least_gain=wanted.least_gain,
+        face_share=MIN_FACE_SHARE,
         opening_tolerance_mm=grasp.width_tolerance_mm,
         rules=replace(options.rules, density_kg_mm3=density * 1e-6),
     )

@@ -35,7 +35,8 @@ from controller.planning import (
 from controller.planning.model import NoMotionError
 from controller.planning.planner import planner, second_choice
 from controller.planning.planner.build import Build, Builder, RefutedError
-from controller.planning.search import Problem, Solution
+from controller.planning.planner.costs import EdgeCosts, view_seconds, worthwhile
+from controller.planning.search import Problem, Solution, solve
 from controller.planning.views import Counter, most_worth
 
 LAYOUT = emulated_layout()
@@ -202,3 +203,55 @@ def test_of_several_rows_the_one_that_adds_most_comes_first_down_to_what_is_wort
     assert most_worth(shows, worth) == [1]
     assert most_worth(shows, 2 * worth) == [1, 0]
     assert most_worth(np.zeros((0, 4), dtype=bool), worth) == []
+
+
+def costs_of(
+    prepared: PreparedPart, second: np.ndarray, regrasp_s: float
+) -> tuple[EdgeCosts, Solution]:
+    """Return costs of two grasps, each with one view, of which the second shows some samples."""
+    count = len(prepared.samples.points_mm)
+    both = np.full((2, 2), regrasp_s)
+    np.fill_diagonal(both, np.inf)
+    usual = np.array([view_seconds(LAYOUT)])
+    problem = Problem(
+        shows=(~second[None], second[None]),
+        weights=prepared.weights,
+        view_s=(usual, usual),
+        first_s=np.array([10.0, np.inf]),
+        regrasp_s=both,
+        last_s=np.full(2, 10.0),
+        seen=np.zeros(count, dtype=bool),
+    )
+    rows = (np.zeros(1, dtype=np.int64),) * 2
+    costs = EdgeCosts(problem, rows, np.zeros(0, dtype=np.int64), (), np.zeros((0, 2, 2)))
+    found = solve(problem)
+    assert found is not None
+    assert found.grasps == (0, 1)
+    return costs, found
+
+
+@pytest.mark.parametrize(("regrasp_s", "is_kept"), [(5.0, True), (60.0, False)])
+def test_a_regrasp_is_worth_its_seconds_as_a_view_is(
+    prepared: PreparedPart, regrasp_s: float, is_kept: bool
+) -> None:
+    # a tenth of the largest face, where a view of usual length has to add a fifth of that
+    samples = prepared.samples
+    largest = np.argmax(np.bincount(samples.face_ids, samples.areas_mm2))
+    (some,) = np.nonzero(samples.face_ids == largest)
+    second = np.zeros(len(samples.points_mm), dtype=bool)
+    second[some[: len(some) // 10 + 1]] = True
+    share = float(prepared.weights[second].sum())
+    asked = replace(prepared, options=replace(OPTIONS, least_gain=share / 5))
+    costs, solution = costs_of(prepared, second, regrasp_s)
+    kept = worthwhile(costs, asked, LAYOUT, solution)
+    assert kept[~second].all()
+    assert kept[second].all() == is_kept
+
+
+def test_the_face_without_which_no_part_passes_is_worth_any_regrasp(prepared: PreparedPart) -> None:
+    samples = prepared.samples
+    areas = np.bincount(samples.face_ids, samples.areas_mm2)
+    second = samples.face_ids == np.argmin(np.where(areas > 0, areas, np.inf))
+    asked = replace(prepared, options=replace(OPTIONS, least_gain=0.1))
+    costs, solution = costs_of(prepared, second, 60.0)
+    assert worthwhile(costs, asked, LAYOUT, solution).all()

@@ -51,8 +51,10 @@ class PlanOptions:
     arm_grasps_per_pose: int = 8
     arm_grasps_round: int = 16
     fixed_grasps: int = 16
-    # share of the surface a further view must add, for it costs seconds; 0 shows all that can be
+    # share of the surface that a view of usual length must add, and what takes longer so much more;
+    # 0 shows all that can be
     least_gain: float = 0.0
+    face_share: float = 0.5  # share of each face that a PASS needs: a view is worth taking for it
     # the overhead camera's pictures of the part where it lies are views, where they resolve enough
     table_views: bool = True
     # the first solution of the search is taken, with its gap

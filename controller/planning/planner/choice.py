@@ -16,7 +16,7 @@ from controller.arrays import FloatArray, IntArray
 from controller.cad import Solid, SurfaceSamples, counted_samples
 from controller.imaging import RayCaster
 
-from ..model import Counted, VisibilityTable
+from ..model import Counted, PlanOptions, VisibilityTable
 from ..views import (
     VisibilityRules,
     candidate_directions,
@@ -34,8 +34,7 @@ MIN_ADDED = 150
 STREAM = 2  # stream of the draw: these points are not those that count coverage
 
 
-# A view is worth taking for a hundredth of a face, or for a spot of the usual smallest defect.
-FACE_SHARE = 0.01
+# Area of the usual smallest defect, 3 mm across: no view is taken for less.
 SPOT_MM2 = 7.0
 
 
@@ -93,6 +92,7 @@ def into_wedges(
     samples: SurfaceSamples,
     caster: RayCaster,
     rules: VisibilityRules,
+    options: PlanOptions,
 ) -> tuple[VisibilityTable, SurfaceSamples]:
     """Return the table with directions that only dense points need, and the points (k) it shows.
 
@@ -104,6 +104,7 @@ def into_wedges(
     samples : n, that views are chosen by
     caster : rays against its mesh
     rules : camera distance, and the limits on a surface's incidence
+    options : what is worth a view
     """
     points, shown = dense.samples, dense.shown_count > 0
 
@@ -113,18 +114,29 @@ def into_wedges(
 
     look(table.directions.vectors[len(dense.directions) :])
     (left,) = np.nonzero(~shown)
-    worth = worth_of(points)[left]
+    worth = worth_of(points, options)[left]
     vectors = directions_into_wedges(solid, points.rows(left), caster, rules, worth)
     look(vectors)
     more = with_directions(table, vectors, solid, samples, caster, rules)
     return more, points.rows(np.flatnonzero(shown))
 
 
-def worth_of(points: SurfaceSamples) -> FloatArray:
-    """Return the worth of showing each point (k,); a sum of 1 or more is worth a view."""
+def worth_of(points: SurfaceSamples, options: PlanOptions) -> FloatArray:
+    """Return the worth of showing each point (n,), in views of usual length.
+
+    A view is worth taking for `PlanOptions.least_gain` of the surface, and for the share of a face
+    without which the part does not pass, however small the face.
+
+    Parameters
+    ----------
+    points : n, of all of the surface
+    options : with both shares
+    """
     face_mm2 = np.bincount(points.face_ids, points.areas_mm2)
-    enough_mm2 = np.minimum(FACE_SHARE * face_mm2, SPOT_MM2)
-    return np.asarray(points.areas_mm2 / enough_mm2[points.face_ids])
+    enough_mm2 = max(options.least_gain * float(points.areas_mm2.sum()), SPOT_MM2)
+    return np.asarray(
+        points.areas_mm2 / np.minimum(enough_mm2, options.face_share * face_mm2)[points.face_ids]
+    )
 
 
 def make_counted(

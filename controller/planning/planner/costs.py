@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,7 +17,8 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from ..model import CellLayout, Grasp, HandOff, PreparedPart, lit_count
 from ..motion import move_seconds, segment_seconds
 from ..regrasps import PickPath, stands_steadily
-from ..search import Problem
+from ..search import Problem, Solution
+from .choice import worth_of
 
 # Time lost by a failed grasp: the part is found, recognised and grasped again in about a minute.
 RECOVERY_S = 60.0
@@ -219,32 +221,87 @@ def make_edge_costs(
     return EdgeCosts(problem, views, faces, sites, site_s)
 
 
-def worthwhile(costs: EdgeCosts, part: PreparedPart, grasps: Sequence[int]) -> BoolArray:
-    """Return the elements (m,) that worthwhile views under some grasps show.
+def worthwhile(
+    costs: EdgeCosts, part: PreparedPart, layout: CellLayout, solution: Solution
+) -> BoolArray:
+    """Return the elements (m,) that are worth the seconds of showing them.
 
-    The views are taken greedily, the largest gain first, down to `PlanOptions.least_gain`. Elements
-    already seen are among them.
+    Of the grasps of a solution those are kept, in its order, whose views show so much that the rest
+    of the seconds buys it: a view of usual length `PlanOptions.least_gain` of the surface, a
+    regrasp as many times that as it takes longer. No face loses the share that a PASS needs.
+    Elements already seen are among those returned.
 
     Parameters
     ----------
     costs : the problem, and what its numbers stand for
     part : prepared
-    grasps : numbers of grasps; repeats count once
+    layout : the cell
+    solution : of the problem; it shows all that can be shown
     """
-    problem = costs.problem
-    worth = problem.weights.copy()
+    problem, usual_s = costs.problem, view_seconds(layout)
     count = len(part.samples.points_mm)
-    for k, face in enumerate(costs.square_faces):
-        worth[count + k] = SQUARE_WORTH * part.weights[part.samples.face_ids == face].sum()
-    rows = np.vstack([problem.shows[g] for g in dict.fromkeys(grasps)]).astype(np.float32)
-    kept = problem.seen.copy()
+    worth = np.concatenate([
+        worth_of(part.samples, part.options),
+        [_square_worth(part, int(face)) for face in costs.square_faces],
+    ])  # fmt: skip
+    best: tuple[int, float, BoolArray] | None = None
+    grasps = solution.grasps
+    for mask in range(1, 2 ** len(grasps)):
+        some = [g for k, g in enumerate(grasps) if mask >> k & 1]
+        legs = sum(float(problem.regrasp_s[a, b]) for a, b in pairwise(some))
+        seconds = float(problem.first_s[some[0]]) + legs + float(problem.last_s[some[-1]])
+        if not np.isfinite(seconds):
+            continue
+        kept, view_s = _by_views(problem, worth, some, usual_s)
+        enough = int(_has_enough(part, kept[:count]).sum())
+        value = float(worth[kept & ~problem.seen].sum()) - (seconds + view_s) / usual_s
+        if best is None or (enough, value) > best[:2]:
+            best = enough, value, kept
+    assert best is not None
+    return best[2]
+
+
+def _by_views(
+    problem: Problem, worth: FloatArray, grasps: Sequence[int], usual_s: float
+) -> tuple[BoolArray, float]:
+    """Return the elements (m,) that worthwhile views under some grasps show, and their seconds.
+
+    The views are taken greedily, the largest worth a second first.
+
+    Parameters
+    ----------
+    problem : with the views of each grasp
+    worth : (m,) worth of each element, in views of usual length
+    grasps : numbers of grasps; repeats count once
+    usual_s : length of such a view [s]
+    """
+    some = list(dict.fromkeys(grasps))
+    rows = np.vstack([problem.shows[g] for g in some]).astype(np.float32)
+    views = np.concatenate([problem.view_s[g] for g in some]) / usual_s
+    kept, taken = problem.seen.copy(), 0.0
     while len(rows):
-        gain = rows @ np.where(kept, 0.0, worth).astype(np.float32)
+        gain = rows @ np.where(kept, 0.0, worth).astype(np.float32) / views
         best = int(np.argmax(gain))
-        if gain[best] < part.options.least_gain:
+        if not gain[best] >= 1.0:
             break
         kept |= rows[best] > 0.0
-    return kept
+        taken += float(views[best])
+    return kept, taken * usual_s
+
+
+def _has_enough(part: PreparedPart, shown: BoolArray) -> BoolArray:
+    """Return a mask (f,) of the faces of which the share that a PASS needs is shown (n,)."""
+    samples = part.samples
+    count = len(part.solid.faces)
+    of_face = np.bincount(samples.face_ids, samples.areas_mm2, count)
+    has = np.bincount(samples.face_ids[shown], samples.areas_mm2[shown], count)
+    return np.asarray((of_face > 0.0) & (has >= part.options.face_share * of_face))
+
+
+def _square_worth(part: PreparedPart, face: int) -> float:
+    """Return the worth of seeing a main face squarely, in views of usual length."""
+    mine = part.samples.face_ids == face
+    return SQUARE_WORTH * float(worth_of(part.samples, part.options)[mine].sum())
 
 
 def _squares(

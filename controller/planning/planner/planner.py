@@ -203,7 +203,7 @@ def _plan(task: _Task, seed: int) -> Plan:
         solution = solve(costs.problem, effort=first_effort)
     problem = costs.problem
     if solution is not None and narrows:
-        kept = worthwhile(costs, task.part, solution.grasps)
+        kept = worthwhile(costs, task.part, task.layout, solution)
         problem = replace(problem, seen=problem.seen | ~kept)
         solution = solve(problem, effort=effort, incumbent=solution)
     builder = _SolutionBuilder(task, costs, seed)

@@ -110,7 +110,7 @@ def prepare_part(
         samples = with_hard_spots(samples, dense)
         visibility_table = look_out(solid, samples, caster, rules, options.direction_count)
         visibility_table, probes = into_wedges(
-            dense, visibility_table, solid, samples, caster, rules
+            dense, visibility_table, solid, samples, caster, rules, options
         )
         by = make_counted(solid, samples, counted, probes, caster, rules, visibility_table)
     arm_grasps = (*base, *(turned_over(g) for g in base))

@@ -51,10 +51,7 @@ class SecondChoice:
         if part.counted is None:
             return
         probes = part.counted.probes
-        self._worth = worth_of(probes)
-        if least := part.options.least_gain:
-            share = probes.areas_mm2 / probes.areas_mm2.sum()
-            self._worth = np.minimum(self._worth, share / least)
+        self._worth = worth_of(probes, part.options)
         caster = RayCaster(part.solid.mesh)
         self._counter = Counter(part.solid, probes, layout, part.options, caster)
         unseen = np.ones(len(probes.points_mm), dtype=bool)

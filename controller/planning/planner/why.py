@@ -129,12 +129,7 @@ def _counted(
         mine = left & missing.mask[counted.nearest]
         left &= ~mine
         out.append((missing, mine))
-    between = Missing(
-        Reason.LEFT_OUT,
-        np.zeros(len(part.samples.points_mm), dtype=bool),
-        "left out: it lies between the points that the views were chosen by",
-        "a further view would show it",
-    )
+    between = _not_worth(part, np.zeros(len(part.samples.points_mm), dtype=bool))
     return [*out, (between, left)]
 
 
@@ -208,18 +203,30 @@ def _classes(
 
 def _left_out(part: PreparedPart, rest: BoolArray, dropped: BoolArray) -> Missing:
     if (rest & dropped).sum() * 2 >= rest.sum():
-        return Missing(
-            Reason.LEFT_OUT,
-            rest,
-            f"left out: a further view would add less than {part.options.least_gain:.2%} of the "
-            "surface",
-            "lower least_gain in the recipe",
-        )
+        return _not_worth(part, rest)
     return Missing(
         Reason.LEFT_OUT,
         rest,
         "no path free of contact was found to the views or grasps that would show it",
         "start with the part elsewhere on the table",
+    )
+
+
+def _not_worth(part: PreparedPart, mask: BoolArray) -> Missing:
+    """Return the class of what no view shows enough of to be worth its seconds."""
+    least = part.options.least_gain
+    if least:
+        return Missing(
+            Reason.LEFT_OUT,
+            mask,
+            f"left out: a further view would add less than {least:.2%} of the surface",
+            "lower least_gain in the recipe",
+        )
+    return Missing(
+        Reason.LEFT_OUT,
+        mask,
+        "left out: it lies between the points that the views were chosen by",
+        "a further view would show it",
     )
 
 
