@@ -180,12 +180,18 @@ def check_prepared(part: PreparedPart) -> None:
     _require(part.directions.square_to.shape == (views,), "directions of another number")
     for table in (part.visible, *part.shown):
         _require(table.shape == (views, samples), "views of another number of samples")
+    bores = part.openings
+    _require(_are_below(bores.faces, len(part.solid.faces)), "a bore on no surface")
+    _require(_are_below(bores.sector, len(bores.faces)), "no such sector of a bore")
+    _require(bores.points_mm.shape == (len(bores.sector), 3), "sectors of another number")
+    for table in part.shown_open:
+        _require(table.shape == (views, len(bores.faces)), "bores of another number")
     look = part.visibility_table
     for row in (look.best_incidence_rad, look.blocker, look.too_coarse, look.blurred):
         _require(row.shape == (samples,), "evidence of another number of samples")
     _require(part.covered.shape == (grasps, samples), "coverage of another number of grasps")
     _require(part.home_q.shape == (grasps, 6), "configurations of another number of grasps")
-    for per_grasp in (part.shown, part.view_q):
+    for per_grasp in (part.shown, part.shown_open, part.view_q):
         _require(len(per_grasp) == grasps, "views of another number of grasps")
     for by_direction in part.view_q:
         for direction, q in by_direction.items():

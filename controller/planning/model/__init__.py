@@ -28,7 +28,7 @@ from .plan import (
 )
 from .prepared import HandOff, PlanOptions, PreparedPart, Rest, ShortFace
 from .starts import InArm, InFixedGripper, OnTable, Start
-from .visibility import Counted, Directions, HiddenEvidence, VisibilityTable
+from .visibility import Counted, Directions, HiddenEvidence, Openings, VisibilityTable
 
 __all__ = [
     "JOINT_COUNT",
@@ -60,6 +60,7 @@ __all__ = [
     "NoPlanError",
     "NotGraspableError",
     "OnTable",
+    "Openings",
     "OutOfReachError",
     "Pads",
     "Park",

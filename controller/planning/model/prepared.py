@@ -13,7 +13,7 @@ from controller.imaging import inverse_pose
 
 from ..geometry import Box, PartShape, PlacedShape
 from .grasp import Grasp, GraspRules
-from .visibility import Counted, Directions, VisibilityTable
+from .visibility import Counted, Directions, Openings, VisibilityTable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +103,9 @@ class PreparedPart:
         measured ones
     visibility_table : directions, and what the bare part shows in each
     shown : per arm grasp (v, n), what of it gripper and arm leave in sight
+    openings : sectors (e) of the rims of its bores, beside which light is to be shown
+    shown_open : per arm grasp (v, e), the sectors through which the camera looks past part and
+        gripper
     view_q : per arm grasp, direction -> (k, 6) collision-free configurations
     hand_offs : per grasp of the fixed gripper, arm grasp -> how they meet
     covered : (g, n) samples some reachable view of an arm grasp shows
@@ -121,6 +124,8 @@ class PreparedPart:
     fixed_grasps: tuple[Grasp, ...]
     visibility_table: VisibilityTable
     shown: tuple[BoolArray, ...]
+    openings: Openings
+    shown_open: tuple[BoolArray, ...]
     view_q: tuple[Mapping[int, FloatArray], ...]
     hand_offs: tuple[Mapping[int, HandOff], ...]
     covered: BoolArray

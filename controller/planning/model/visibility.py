@@ -43,6 +43,23 @@ class VisibilityTable:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Openings:
+    """Places just inside the rims of a part's bores, a sector of the rim each.
+
+    Attributes
+    ----------
+    faces : (e,) id of the wall that each sector belongs to
+    sector : (k,) number below e of the sector of each place; a wall with two rims has two places in
+        each of its sectors
+    points_mm : (k, 3) CAD frame
+    """
+
+    faces: IntArray
+    sector: IntArray
+    points_mm: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class HiddenEvidence:
     """Samples, of n, that the bare part hides in all directions, with the evidence.
 

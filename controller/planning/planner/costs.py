@@ -54,7 +54,8 @@ class EdgeCosts:
     Attributes
     ----------
     views : per arm grasp, the direction of each row of `problem.shows`
-    square_faces : (f,) the faces whose square view is an element after the samples
+    square_faces : (f,) the faces whose square view is an element after the samples; after them
+        follow the sectors of `PreparedPart.openings`
     site_s : (k, g, g) cost of each regrasp over each site
     sites : (k,)
     """
@@ -179,6 +180,7 @@ def make_edge_costs(
     first_s: FloatArray,
     seen: BoolArray,
     squared: frozenset[int],
+    opened: frozenset[int],
     avoid: frozenset[str],
 ) -> EdgeCosts:
     """Return the problem of showing everything, from grasps that can be had at `first_s` (g,).
@@ -190,16 +192,20 @@ def make_edge_costs(
     first_s : (g,) cost of having the part in each grasp [s], inf where that is impossible
     seen : (n,) samples that need not be shown again
     squared : ids of faces that need not be shown squarely again
+    opened : ids of walls of bores through which no light need be shown again
     avoid : ids of grasps not to use
     """
     usable = np.array([g.id not in avoid for g in part.arm_grasps], dtype=bool)
     views = tuple(np.array(sorted(v), dtype=np.int64) for v in part.view_q)
     faces, squares = _squares(part, views)
     shows = tuple(
-        np.hstack([part.shown[g][v], squares[g]]) if usable[g] else np.zeros((0, 0), dtype=bool)
+        np.hstack([part.shown[g][v], squares[g], part.shown_open[g][v]])
+        if usable[g]
+        else np.zeros((0, 0), dtype=bool)
         for g, v in enumerate(views)
     )
-    count = len(seen) + len(faces)
+    bores = part.openings.faces
+    count = len(seen) + len(faces) + len(bores)
     shows = tuple(s if s.shape[1] == count else np.zeros((0, count), dtype=bool) for s in shows)
     sites = regrasp_sites_of(part, avoid)
     table = [regrasp_seconds(part, layout, s) for s in sites]
@@ -209,14 +215,14 @@ def make_edge_costs(
     cost = view_seconds(layout)
     problem = Problem(
         shows=shows,
-        weights=np.concatenate([part.weights, np.zeros(len(faces))]),
+        weights=np.concatenate([part.weights, np.zeros(len(faces) + len(bores))]),
         view_s=tuple(np.full(len(s), cost) for s in shows),
         first_s=np.where(usable, first_s, np.inf),
         regrasp_s=regrasp_s,
         last_s=np.array(
             [FINISH_S + UNSTEADY_S * (not stands_steadily(part, g)) for g in part.arm_grasps]
         ),
-        seen=np.concatenate([seen, np.isin(faces, list(squared))]),
+        seen=np.concatenate([seen, np.isin(faces, list(squared)), np.isin(bores, list(opened))]),
     )
     return EdgeCosts(problem, views, faces, sites, site_s)
 
@@ -243,6 +249,7 @@ def worthwhile(
     worth = np.concatenate([
         worth_of(part.samples, part.options),
         [_square_worth(part, int(face)) for face in costs.square_faces],
+        _opening_worth(part),
     ])  # fmt: skip
     best: tuple[int, float, BoolArray] | None = None
     grasps = solution.grasps
@@ -253,7 +260,7 @@ def worthwhile(
         if not np.isfinite(seconds):
             continue
         kept, view_s = _by_views(problem, worth, some, usual_s)
-        enough = int(_has_enough(part, kept[:count]).sum())
+        enough = _count_enough(part, kept[:count], kept[len(kept) - len(part.openings.faces) :])
         value = float(worth[kept & ~problem.seen].sum()) - (seconds + view_s) / usual_s
         if best is None or (enough, value) > best[:2]:
             best = enough, value, kept
@@ -289,13 +296,32 @@ def _by_views(
     return kept, taken * usual_s
 
 
-def _has_enough(part: PreparedPart, shown: BoolArray) -> BoolArray:
-    """Return a mask (f,) of the faces of which the share that a PASS needs is shown (n,)."""
-    samples = part.samples
+def _count_enough(part: PreparedPart, shown: BoolArray, is_open: BoolArray) -> int:
+    """Return the number of faces and bores of which a PASS gets the share that it needs.
+
+    Parameters
+    ----------
+    part : prepared
+    shown, is_open : samples (n,) and sectors of bores (e,) that are shown
+    """
+    samples, bores, least = part.samples, part.openings.faces, part.options.face_share
     count = len(part.solid.faces)
-    of_face = np.bincount(samples.face_ids, samples.areas_mm2, count)
-    has = np.bincount(samples.face_ids[shown], samples.areas_mm2[shown], count)
-    return np.asarray((of_face > 0.0) & (has >= part.options.face_share * of_face))
+    found = 0
+    for faces, areas, has in (
+        (samples.face_ids, samples.areas_mm2, shown),
+        (bores, np.ones(len(bores)), is_open),
+    ):
+        whole = np.bincount(faces, areas, count)
+        some = np.bincount(faces[has], areas[has], count)
+        found += int(((whole > 0.0) & (some >= least * whole)).sum())
+    return found
+
+
+def _opening_worth(part: PreparedPart) -> FloatArray:
+    """Return the worth of each sector of a bore (e,), in views of usual length."""
+    bores = part.openings.faces
+    needed = part.options.face_share * np.bincount(bores)
+    return np.asarray(1.0 / needed[bores])
 
 
 def _square_worth(part: PreparedPart, face: int) -> float:

@@ -129,6 +129,7 @@ def plan_from(
         before=before,
         seen=inspected if look is None else inspected | look.seen,
         squared=_squared_faces(part, inspected, look),
+        opened=_opened_bores(part, inspected),
         avoid=avoid,
     )
     return _plan(task, rng_seed)
@@ -143,6 +144,7 @@ class _Task:
     before : (m,) points that coverage is counted by, inspected before
     seen : (n,) samples inspected before or shown by the look at the table
     squared : ids of faces that need not be shown squarely again
+    opened : ids of walls of bores through which no light need be shown again
     avoid : ids of grasps not to use
     """
 
@@ -152,12 +154,19 @@ class _Task:
     before: BoolArray
     seen: BoolArray
     squared: frozenset[int]
+    opened: frozenset[int]
     avoid: frozenset[str]
 
     def edge_costs(self) -> EdgeCosts:
         """Return the search problem of the task, and the meaning of its indices."""
         return make_edge_costs(
-            self.part, self.layout, self.beginning.first_s, self.seen, self.squared, self.avoid
+            self.part,
+            self.layout,
+            self.beginning.first_s,
+            self.seen,
+            self.squared,
+            self.opened,
+            self.avoid,
         )
 
     def is_shown_by(self, solution: Solution | None) -> bool:
@@ -185,6 +194,22 @@ def _squared_faces(part: PreparedPart, inspected: BoolArray, look: Look | None) 
         above = look.direction_part
         squared |= {f for f in faces if part.solid.faces[f].normal @ above > SQUARE_COS}
     return frozenset(squared)
+
+
+def _opened_bores(part: PreparedPart, inspected: BoolArray) -> frozenset[int]:
+    """Return the walls of bores through which no light need be shown again.
+
+    Those are the walls inspected for their most part. Where no direction shows a wall, all else has
+    to be inspected.
+    """
+    able = part.visible.any(axis=0)
+    done = set()
+    for face in np.unique(part.openings.faces).tolist():
+        mine = able & (part.samples.face_ids == face)
+        asked = inspected[mine] if mine.any() else inspected[able]
+        if asked.mean() >= (part.options.square_share if mine.any() else 1.0):
+            done.add(face)
+    return frozenset(done)
 
 
 def _plan(task: _Task, seed: int) -> Plan:

@@ -38,9 +38,14 @@ from ..motion import Scene, segment_seconds
 from ..regrasps import clear_hand_offs, hand_offs, rests, set_downs
 from ..views import (
     VisibilityRules,
+    by_sector,
+    eyes_of,
+    find_openings,
     hidden_by_gripper,
     hold_up,
     holding_boxes,
+    lit_from,
+    lit_past,
     look_out,
     reachable_views,
 )
@@ -125,6 +130,8 @@ def prepare_part(
         fixed_grasps=fixed_grasps,
         visibility_table=visibility_table,
         shown=(),
+        openings=find_openings(solid),
+        shown_open=(),
         view_q=(),
         hand_offs=tuple({} for _ in fixed_grasps),
         covered=np.zeros((0, len(samples.points_mm)), dtype=bool),
@@ -152,24 +159,37 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
     showing = hold_up(part.solid, part.samples, layout, part.directions.vectors)
     shown: list[BoolArray] = []
     view_q: list[Mapping[int, FloatArray]] = []
-    by_gripper: dict[str, BoolArray] = {}
+    eyes = eyes_of(part.solid, part.directions.vectors, rules)
+    lit = lit_from(part.openings, RayCaster(part.solid.mesh), eyes)
+    shown_open: list[BoolArray] = []
+    by_gripper: dict[str, tuple[BoolArray, BoolArray]] = {}
     for grasp in grasps:
         base = _unturned(grasp.id)
         if base not in by_gripper:  # turned over, a gripper hides the same
-            by_gripper[base] = part.visible & ~hidden_by_gripper(
+            boxes = holding_boxes(layout.arm_gripper, grasp)
+            hidden = hidden_by_gripper(
                 part.solid,
                 part.samples,
                 part.visible,
                 part.directions.vectors,
                 rules.distance_mm,
                 grasp.T_part_tcp,
-                holding_boxes(layout.arm_gripper, grasp),
+                boxes,
             )
+            past = lit_past(part.openings, lit, eyes, grasp.T_part_tcp, boxes)
+            by_gripper[base] = part.visible & ~hidden, by_sector(part.openings, past)
         scene = Scene(layout, grasp.opening_mm, layout.fixed_open_mm, part.carried_box(grasp))
         views = reachable_views(
-            layout, scene, part.samples, showing, by_gripper[base], grasp.T_part_tcp, layout.park_q
+            layout,
+            scene,
+            part.samples,
+            showing,
+            by_gripper[base][0],
+            grasp.T_part_tcp,
+            layout.park_q,
         )
         shown.append(views.shown)
+        shown_open.append(by_gripper[base][1])
         view_q.append(views.q)
     covered = [
         s[sorted(q)].any(axis=0) if q else np.zeros(s.shape[1], dtype=bool)
@@ -184,6 +204,7 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
         part,
         arm_grasps=(*part.arm_grasps, *grasps),
         shown=(*part.shown, *shown),
+        shown_open=(*part.shown_open, *shown_open),
         view_q=(*part.view_q, *view_q),
         covered=np.vstack([part.covered, np.reshape(covered, (len(grasps), -1))]),
         home_q=np.vstack([part.home_q, *(_home_q_of(layout, q) for q in view_q)]),
@@ -211,13 +232,13 @@ def without_short(part: PreparedPart, short: Collection[ShortFace]) -> PreparedP
     faces: dict[str, list[int]] = {}
     for one in short:
         faces.setdefault(_unturned(one.grasp), []).append(one.face)
-    hidden = [
-        np.isin(part.samples.face_ids, faces.get(_unturned(grasp.id), []))
-        for grasp in part.arm_grasps
-    ]
+    of_grasp = [faces.get(_unturned(grasp.id), []) for grasp in part.arm_grasps]
+    hidden = [np.isin(part.samples.face_ids, some) for some in of_grasp]
+    closed = [np.isin(part.openings.faces, some) for some in of_grasp]
     return replace(
         part,
         shown=tuple(s & ~h for s, h in zip(part.shown, hidden, strict=True)),
+        shown_open=tuple(s & ~c for s, c in zip(part.shown_open, closed, strict=True)),
         covered=part.covered & ~np.array(hidden),
     )
 

@@ -8,11 +8,13 @@ from ._poses import Showing, hold_up, view_poses
 from ._reach import GraspViews, reachable_views
 from .counting import Counter, Sighting, nearest_on_face
 from .gripper import hidden_by_gripper, holding_boxes
+from .light import by_sector, find_openings, lit_from, lit_past
 from .visibility import (
     VisibilityRules,
     candidate_directions,
     directions_into_wedges,
     even_sphere,
+    eyes_of,
     hidden_ones,
     in_picture,
     look_out,
@@ -31,14 +33,19 @@ __all__ = [
     "Sighting",
     "VisibilityRules",
     "VisibilityTable",
+    "by_sector",
     "candidate_directions",
     "directions_into_wedges",
     "even_sphere",
+    "eyes_of",
+    "find_openings",
     "hidden_by_gripper",
     "hidden_ones",
     "hold_up",
     "holding_boxes",
     "in_picture",
+    "lit_from",
+    "lit_past",
     "look_out",
     "most_worth",
     "nearest_on_face",

@@ -12,7 +12,7 @@ from ._directions import (
 from ._hidden import why_hidden
 from ._rules import PICTURE_MARGIN_PX, VisibilityRules, in_picture
 from ._table import table_views
-from ._visible import free_pairs, visible_from
+from ._visible import eyes_of, free_pairs, visible_from
 
 __all__ = [
     "PICTURE_MARGIN_PX",
@@ -20,6 +20,7 @@ __all__ = [
     "candidate_directions",
     "directions_into_wedges",
     "even_sphere",
+    "eyes_of",
     "free_pairs",
     "hidden_ones",
     "in_picture",

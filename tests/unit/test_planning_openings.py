@@ -1,0 +1,174 @@
+"""Light through bores: which views show it, past part and gripper, and that plans take them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cad_solids import box, rod, solid_of
+from planning_cell import emulated_layout
+
+from controller.arrays import BoolArray, FloatArray
+from controller.cad import Solid, counted_samples, sample_surface, stable_poses
+from controller.imaging import RayCaster, inverse_pose
+from controller.planning import (
+    OnTable,
+    Plan,
+    PlanOptions,
+    PreparedPart,
+    Present,
+    plan_from,
+    prepare_part,
+    resting_pose,
+)
+from controller.planning.geometry import Box, segments_hit
+from controller.planning.model import ShortFace
+from controller.planning.planner.prepare import without_short
+from controller.planning.views import (
+    by_sector,
+    find_openings,
+    holding_boxes,
+    lit_from,
+    lit_past,
+)
+
+LAYOUT = emulated_layout()
+DEPTH_MM, RADIUS_MM = 20.0, 4.0
+# a through bore off the middle, square to the plate, and a blind one
+PLATE = solid_of(
+    box(60, 40, DEPTH_MM)
+    - rod(RADIUS_MM, 60, 64).translate((-14, 6, 0))
+    - rod(RADIUS_MM, 20, 64).translate((16, -6, 15)),
+    "plate",
+)
+CASTER = RayCaster(PLATE.mesh)
+AWAY_MM = 700.0
+
+
+def walls(solid: Solid) -> list[int]:
+    return [f.id for f in solid.faces if f.kind == "cylinder" and f.concave]
+
+
+def is_blind(face: int) -> bool:
+    """Return whether a wall of the plate is that of the blind bore, to the right."""
+    mine = PLATE.mesh.triangles_center[PLATE.face_of_triangle == face]
+    return bool(mine[:, 0].mean() > 0)
+
+
+(THROUGH,) = (f for f in walls(PLATE) if not is_blind(f))
+BORE_MM = PLATE.mesh.triangles_center[PLATE.face_of_triangle == THROUGH].mean(axis=0)
+
+
+def eye_at(tilt_deg: float) -> FloatArray:
+    """Return an eye (1, 3) that looks at the middle of the through bore, so far off its axis."""
+    tilt = np.radians(tilt_deg)
+    return np.array([BORE_MM + AWAY_MM * np.array([0.0, np.sin(tilt), np.cos(tilt)])])
+
+
+def open_sectors(lit: BoolArray) -> int:
+    openings = find_openings(PLATE)
+    return int(by_sector(openings, lit)[0][openings.faces == THROUGH].sum())
+
+
+def test_along_the_axis_all_of_a_through_bore_is_open_and_none_of_a_blind_one() -> None:
+    openings = find_openings(PLATE)
+    assert set(openings.faces.tolist()) == set(walls(PLATE))
+    lit = by_sector(openings, lit_from(openings, CASTER, eye_at(0.0)))[0]
+    assert lit[openings.faces == THROUGH].all()
+    assert not lit[openings.faces != THROUGH].any()
+
+
+def test_no_light_passes_at_an_angle_that_the_wall_cuts_off() -> None:
+    openings = find_openings(PLATE)
+    # at this angle the far rim has moved by the bore's width against the near one
+    steepest = np.degrees(np.arctan2(2 * RADIUS_MM, DEPTH_MM))
+    counts = [
+        open_sectors(lit_from(openings, CASTER, eye_at(share * steepest)))
+        for share in (0.2, 0.6, 1.1)
+    ]
+    assert counts[0] > counts[-1] == 0
+    assert counts == sorted(counts, reverse=True)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_finger_before_the_part_or_behind_it_takes_the_light(side: float) -> None:
+    openings, eye = find_openings(PLATE), eye_at(0.0)
+    lit = lit_from(openings, CASTER, eye)
+    T = np.eye(4)
+    T[:3, 3] = BORE_MM + np.array([0.0, 0.0, side * 60.0])
+    finger = Box(T, np.array([20.0, 10.0, 4.0]))
+    assert open_sectors(lit_past(openings, lit, eye, np.eye(4), [finger])) == 0
+    T[:3, 3] += [0.0, 40.0, 0.0]
+    beside = Box(T, finger.half_mm)
+    assert (lit_past(openings, lit, eye, np.eye(4), [beside]) == lit).all()
+
+
+OPTIONS = PlanOptions(
+    direction_count=50, arm_grasps_per_pose=4, arm_grasps_round=6, fixed_grasps=6, least_gain=0.02
+)
+
+
+@pytest.fixture(scope="module")
+def prepared() -> PreparedPart:
+    samples = sample_surface(PLATE, 8.0, 2)
+    return prepare_part(PLATE, samples, LAYOUT, OPTIONS, counted_samples(PLATE, 1.5))
+
+
+def planned(part: PreparedPart) -> Plan:
+    pose = stable_poses(PLATE)[0]
+    start = OnTable(pose.index, resting_pose(PLATE, pose, 350.0, 40.0, 0.4))
+    return plan_from(part, LAYOUT, start)
+
+
+def open_share(plan: Plan) -> float:
+    """Return the share of the bore's rim along which some view of a plan shows light.
+
+    By lines of the test's own: a ring half a millimetre inside the wall, at either mouth.
+    """
+    turns = np.arange(72) * np.pi / 36
+    ring = (RADIUS_MM - 0.5) * np.column_stack([np.cos(turns), np.sin(turns), 0 * turns])
+    shown = np.zeros(len(turns), dtype=bool)
+    for step in plan.steps:
+        if not isinstance(step, Present):
+            continue
+        eye = inverse_pose(step.T_world_part) @ [*LAYOUT.inspection.position_mm, 1.0]
+        T_tcp_part = inverse_pose(step.grasp.T_part_tcp)
+        boxes = holding_boxes(LAYOUT.arm_gripper, step.grasp)
+        for end in (-0.5 * DEPTH_MM, 0.5 * DEPTH_MM):
+            points = BORE_MM + ring + [0.0, 0.0, end]
+            ways = points - eye[:3]
+            free = ~CASTER.blocked(np.broadcast_to(eye[:3], ways.shape), ways)
+            far, near = (
+                np.column_stack([p, np.ones(len(ways))]) @ T_tcp_part[:3].T
+                for p in (points + 0.3 * ways, np.broadcast_to(eye[:3], ways.shape))
+            )
+            shown |= free & ~segments_hit(far, near, tuple(boxes))
+    return float(shown.mean())
+
+
+def test_a_plan_shows_light_through_the_greater_part_of_a_bores_rim(
+    prepared: PreparedPart,
+) -> None:
+    assert open_share(planned(prepared)) > 0.5
+    nothing_asked = replace(
+        prepared, shown_open=tuple(np.zeros_like(table) for table in prepared.shown_open)
+    )
+    # the surface alone does not make the plan look through the bore
+    assert open_share(planned(nothing_asked)) < 0.5
+
+
+def test_a_bore_that_a_grasp_left_unproven_is_open_from_other_grasps_only(
+    prepared: PreparedPart,
+) -> None:
+    grasp = prepared.arm_grasps[0].id
+    left = without_short(prepared, [ShortFace(grasp, THROUGH)])
+    mine = prepared.openings.faces == THROUGH
+    assert not left.shown_open[0][:, mine].any()
+    assert (left.shown_open[0][:, ~mine] == prepared.shown_open[0][:, ~mine]).all()
+    other = next(
+        k
+        for k, g in enumerate(prepared.arm_grasps)
+        if g.id.removesuffix("'") != grasp.removesuffix("'")
+    )
+    assert (left.shown_open[other] == prepared.shown_open[other]).all()
