@@ -30,7 +30,6 @@ from controller.cell import compute
 from controller.cell.actions import lamps_for
 from controller.cell.compute import answers
 from controller.cell.devices.lamps import TABLE_LAMPS
-from controller.cell.services.views import holder_boxes
 from controller.imaging import inverse_pose
 from controller.inspection import (
     Verdict,
@@ -40,6 +39,7 @@ from controller.inspection import (
     judge,
 )
 from controller.planning import Look, NoPlanError, OnTable, Plan, Present, shown_pose
+from controller.setup.holder import holder_boxes
 from controller.setup.optics import build_lamps, panel_corners, table_corners
 from emulators.world.poses import JointValues, forward
 

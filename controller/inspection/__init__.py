@@ -34,6 +34,7 @@ from .part import (
     inspect_part,
     work_ahead,
 )
+from .predicted import predict_pictures
 from .view import LocatedView, inspect_view, locate_view
 
 __all__ = [
@@ -84,6 +85,7 @@ __all__ = [
     "least_mm",
     "locate_view",
     "make_scene",
+    "predict_pictures",
     "require_usable",
     "work_ahead",
 ]

@@ -19,13 +19,13 @@ from controller.cell.compute import Compute, Job, answers
 from controller.cell.compute.job import context
 from controller.cell.services import PartFile
 from controller.cell.services.records import PartInGripper, PartRecord, Shown
-from controller.cell.services.views import holder_boxes
 from controller.config import EMULATED_CELL, find_recipe, load_cell, load_recipe
 from controller.config.view_set import load_view_set
 from controller.imaging import inverse_pose
 from controller.inspection import ViewResult, ViewTask
 from controller.planning import shown_pose
 from controller.planning.motion import tcp_pose
+from controller.setup.holder import holder_boxes
 from controller.setup.layout import build_layout
 from controller.stored import (
     Judging,

@@ -333,6 +333,9 @@ def test_what_is_in_sight_is_not_called_inspected(
     checked = capsys.readouterr().out
     assert re.search(r"% \(± \d+\.\d%\) of the surface in sight, ", checked)
     assert "1 regrasps" not in checked
+    (told,) = re.findall(r"^forecast from pose \d+: (.*) in sight$", checked, re.MULTILINE)
+    compared, seen = map(float, re.findall(r"(\d+\.\d)%", told))
+    assert 0 < compared < seen <= 100
     assert re.search(
         r"ready for \d+% of landings \(the pictures decide how much can be compared\)\n$", checked
     )

@@ -22,8 +22,9 @@ def check(
 ) -> None:
     """Check recipe, cell file and CAD file; nothing moves.
 
-    Plans every likely stable pose of the part, and states which dimensions the cell can verify.
-    Several recipes are checked as for one run with all of them.
+    Plans every likely stable pose of the part, forecasts which share of its surface will be
+    compared, and states which dimensions the cell can verify. Several recipes are checked as for
+    one run with all of them.
     """
     with loading():
         from ..inputs.recipes import asked_recipes

@@ -3,14 +3,14 @@
 import json
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from controller.cad import StablePose
 from controller.cell.batch import jobs_of
 from controller.cell.compute import Job
-from controller.cell.compute.checks import Checked, CheckedPose, check_every_pose
+from controller.cell.compute.checks import Checked, CheckedPose, Forecast, check_every_pose
 from controller.results.moments import view_count
 
 from ..inputs.recipes import AskedRecipe, cell_of, ordered_recipes
@@ -138,6 +138,9 @@ def _print(recipe_path: Path, checked: Checked, problems: Sequence[str]) -> None
     print_line(checked.setup.sentence)
     for one in _landings(checked):
         print_line(f"pose {one.pose.index} ({one.pose.probability:.0%}): {one.words}")
+    for pose in checked.poses:
+        if pose.forecast is not None:
+            _print_forecast(pose, pose.forecast)
     print_checked(checked.characteristics)
     if checked.unseen_faces:
         faces = ", ".join(f"F{face}" for face in checked.unseen_faces)
@@ -155,6 +158,23 @@ def _print(recipe_path: Path, checked: Checked, problems: Sequence[str]) -> None
     else:
         print_line(
             f"{recipe_path}: ready for {served} (the pictures decide how much can be compared)"
+        )
+
+
+def _print_forecast(pose: CheckedPose, forecast: Forecast) -> None:
+    """Print what will be compared of a good part, and the faces that will fall short."""
+    print_line(
+        f"forecast from pose {pose.pose.index}: {forecast.compared_fraction:.1%} of the surface "
+        f"compared, of {forecast.in_sight_fraction:.1%} in sight"
+    )
+    short = forecast.short_faces
+    if not short:
+        return
+    print_line(f"{counted(len(short), 'face')} will keep a good part from a PASS:")
+    for face in short:
+        print_line(
+            f"    {face.label}, {face.area_mm2:.0f} mm2, {face.compared_fraction:.0%} compared: "
+            f"{face.reason}"
         )
 
 
@@ -179,4 +199,5 @@ def _pose_json(checked: CheckedPose) -> dict[str, Any]:
         "forecast_s": plan.forecast_s,
         "covered_fraction": plan.covered_fraction,
         "covered_U": plan.covered_U,
+        "forecast": None if checked.forecast is None else asdict(checked.forecast),
     }

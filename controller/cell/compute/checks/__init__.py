@@ -10,15 +10,19 @@ from .checking import (
     check_sizes,
 )
 from .defects import check_defects
+from .forecast import Forecast, ShortFace, forecast
 
 __all__ = [
     "Checked",
     "CheckedCharacteristic",
     "CheckedPose",
+    "Forecast",
+    "ShortFace",
     "check_characteristics",
     "check_defects",
     "check_every_pose",
     "check_job",
     "check_plans",
     "check_sizes",
+    "forecast",
 ]

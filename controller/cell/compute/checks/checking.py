@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from controller.cad import Solid, StablePose, load_solid
@@ -35,6 +35,7 @@ from ...plans import Certified, PlanCache
 from .. import Job, context, part_files
 from .characteristics import CheckedCharacteristic, check_characteristics
 from .defects import check_defects
+from .forecast import Forecast, forecast
 
 # A stable pose less probable than this is no reason to refuse a recipe.
 LIKELY = 0.03
@@ -50,12 +51,14 @@ class CheckedPose:
     ----------
     remarks : further remarks in words: it rolls, it is barely stable
     is_served : whether its plan shows as much as the recipe requires
+    forecast : what a run by its plan will have compared; None where none was asked for
     """
 
     pose: StablePose
     certified: Certified
     remarks: tuple[str, ...] = ()
     is_served: bool = False
+    forecast: Forecast | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,14 +158,22 @@ def check_every_pose(job: Job) -> Checked:
     """Return the result of `check_job` with unsteady poses (rolling, barely standing) planned, too.
 
     A run computes these only when a part rests that way; a check of a recipe should report their
-    cost.
+    cost. What will be compared is forecast from the likeliest pose that has a plan.
 
     Raises
     ------
     ConfigError, CadError : a file is wrong
     """
     _check_files(job)
-    return check_plans(job, has_unsteady=True)
+    checked = check_plans(job, has_unsteady=True)
+    poses = list(checked.poses)
+    planned = [k for k, one in enumerate(poses) if one.certified.certificate.plan is not None]
+    if planned:
+        k = max(planned, key=lambda k: poses[k].pose.probability)
+        plan = poses[k].certified.certificate.plan
+        assert plan is not None
+        poses[k] = replace(poses[k], forecast=forecast(context(job), plan))
+    return replace(checked, poses=tuple(poses))
 
 
 def check_plans(

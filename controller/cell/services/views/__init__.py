@@ -1,14 +1,12 @@
 """The cameras' views of the part: their results, its hold, its identity.
 
 `views.py` has views judged in the worker process, `held_pose.py` measures how the arm gripper holds
-the part, `disambiguation.py` decides between hypotheses, `holder.py` has the boxes of arm and
-grippers that may hide the part, `part_file.py` writes the views of a part to a file,
-`judging_ahead.py` judges them as far as that can be done before the last one is shown.
+the part, `disambiguation.py` decides between hypotheses, `part_file.py` writes the views of a part
+to a file, `judging_ahead.py` judges them as far as that can be done before the last one is shown.
 """
 
 from .disambiguation import Disambiguation
 from .held_pose import HeldPose
-from .holder import holder_boxes
 from .judging import Background
 from .judging_ahead import JudgingAhead
 from .part_file import PartFile
@@ -23,6 +21,5 @@ __all__ = [
     "PartFile",
     "StoredViews",
     "Views",
-    "holder_boxes",
     "plain_name",
 ]

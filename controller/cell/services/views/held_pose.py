@@ -14,11 +14,11 @@ from controller.imaging import inverse_pose, rotation_angle
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
+from controller.setup.holder import holder_boxes
 
 from ..faults import Recoveries
 from ..imaging import Imaging
 from ..motion import Motion
-from .holder import holder_boxes
 from .views import Views
 
 # After this many views in a row without confirmation, a hold is no longer trusted.

@@ -15,8 +15,7 @@ from controller.cell.services.records import PartInGripper, Shown
 from controller.inspection import ViewResult
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
-
-from .holder import holder_boxes
+from controller.setup.holder import holder_boxes
 
 Arguments = ParamSpec("Arguments")
 Answer = TypeVar("Answer")
