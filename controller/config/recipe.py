@@ -50,6 +50,8 @@ class InspectionSection(Section):
         `current`, none of its calibrations stale; `verified`, and its verification passed with them
     characteristics : limits of single characteristics, distances between further planes, and what
         is not measured
+    stop_at_fail : a part that has failed by two looks is put down at once; what else is wrong with
+        it stays unknown, and the report says so
     learned : file of what good parts look like, as `cellctl learn` writes it, relative to the
         recipe; it decides on surfaces in the views that it knows
     """
@@ -64,6 +66,7 @@ class InspectionSection(Section):
     smallest_defect_mm: float = Field(3.0, ge=0.5, le=50)
     find: dict[DefectKind, DefectSize] = Field(default_factory=dict)
     learned: Path | None = None
+    stop_at_fail: bool = False
     # a hundredth of the surface for 73 s: what less would show costs 120 s and more (ADR 120)
     least_gain: float = Field(0.0005, ge=0, le=0.1)
 

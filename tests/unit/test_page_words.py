@@ -415,6 +415,7 @@ UNSEEN = {
     "; nearest: {}",
     "fixed_gripper_free | custody_in_fixed | custody_in_both | custody_lost",
     "moves_arm & near_hand_off",
+    "a forecast",  # a file of the cache, in a log
     "outcome of a task that was stopped",
     "private, max-age=86400, immutable",
     # addresses, files, and how the doctor prints

@@ -1,6 +1,7 @@
 """Inspecting: learn the hold of the part from the views so far, and decide the next step."""
 
 import asyncio
+import logging
 from dataclasses import dataclass, replace
 
 from controller.cell.compute import Compute, begin
@@ -23,13 +24,25 @@ from controller.cell.services.records import (
     BatchRecord,
     findings_row,
     measured_row,
+    plan_row,
     verdict_row,
     views_posed_row,
 )
 from controller.cell.services.trays import QUARANTINE, TRAYS
+from controller.cell.services.views.part_file import WrittenViews
 from controller.inspection import PartInspection, PartVerdict, Verdict
-from controller.planning import GiveStep, Present, ReceiveStep, SetDown, ShortFace
+from controller.planning import (
+    GiveStep,
+    InArm,
+    NoPlanError,
+    Present,
+    ReceiveStep,
+    SetDown,
+    ShortFace,
+)
 from controller.stored import lines_digest
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,6 +81,10 @@ class InspectAction:
         self.record.show("judging the views")
         await self._learn()
         self.views.take_ready()
+        if await self._has_failed():
+            assert self.record.part.verdict is not None
+            self.record.note(verdict_row(self.record.part.verdict))
+            return Event.ALL_SEEN
         if self.steps.next(Present) is not None:
             return Event.INSPECTED
         if self.steps.next(GiveStep) is not None or self.steps.next(ReceiveStep) is not None:
@@ -127,16 +144,60 @@ class InspectAction:
             and self.recoveries.decision(PartFault.SEEN_TOO_LITTLE) is not Act.SKIP
         )
 
+    async def _has_failed(self) -> bool:
+        """Return whether the part has failed by the views so far and goes to a tray from here.
+
+        Only where the recipe asks for it, and the arm has the part with views still to show.
+        """
+        part = self.record.part
+        left = part.presents_left
+        if not self.views.may_have_failed() or not left or self._is_elsewhere():
+            return False
+        part.suspect_count = part.suspects
+        self.ahead.drop()
+        stored, found = await self._judged()
+        if found.verdict is not Verdict.FAIL:
+            return False
+        hold = self.record.held()
+        grasp = replace(hold.grasp, T_part_tcp=hold.T_part_tcp, opening_mm=hold.opening_mm)
+        start = InArm(grasp, await self.motion.read_q())
+        try:
+            plan = await self.compute.plan_to_trays(
+                start, frozenset(part.avoid), self.record.around
+            )
+        except NoPlanError as error:
+            log.info("the part has failed and is shown to the end: %s", error)
+            return False
+        part.plan, part.next_step, part.above_tray = plan, 0, None
+        part.plan_count += 1
+        self.record.note(plan_row(plan, is_ahead=False))
+        await self._keep(stored, found, (f"put down as it had failed; views not shown: {left}",))
+        return True
+
+    def _is_elsewhere(self) -> bool:
+        part = self.record.part
+        return part.parked is not None or part.custody is not Custody.IN_ARM
+
     async def _judge(self) -> None:
-        part, record = self.record.part, self.record
-        assert part.plan is not None
         await self.views.take_all()
         await self._require_enough()
-        stored = await asyncio.to_thread(self.part_file.write, part, record.product)
-        found = await self.compute.judge(self.part_file.folder / stored.file)
+        stored, found = await self._judged()
         self._require_all_compared(found)
+        await self._keep(stored, found)
+
+    async def _judged(self) -> tuple[WrittenViews, PartInspection]:
+        """Return the file of the part's views so far, and the judgement by them."""
+        part, record = self.record.part, self.record
+        stored = await asyncio.to_thread(self.part_file.write, part, record.product)
+        return stored, await self.compute.judge(self.part_file.folder / stored.file)
+
+    async def _keep(
+        self, stored: WrittenViews, found: PartInspection, more: tuple[str, ...] = ()
+    ) -> None:
+        """Keep a judgement as the part's, with further reasons."""
+        part, record = self.record.part, self.record
         record.note_file(stored.file, stored.digest)
-        reasons = (*found.reasons, *found.unproven)
+        reasons = (*found.reasons, *found.unproven, *more)
         part.verdict = replace(found.ledger, verdict=found.verdict, reasons=reasons)
         # in a thread: thousands of looks take longer to describe than the event loop may be held
         record.note(await asyncio.to_thread(measured_row, found.measured))

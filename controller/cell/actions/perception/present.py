@@ -69,6 +69,8 @@ class PresentAction:
                 self.views.take_ready()
                 if not hold.is_measured or self.views.is_hold_questioned():
                     break
+                if self.views.may_have_failed():
+                    break
         finally:
             await self.imaging.pause("inspection")
         return Event.SHOWN

@@ -108,6 +108,7 @@ class PartRecord:
     unlearned : views of which nobody has asked yet where they show the part
     results : results of all views, of earlier plans too
     judged : the views that they are of
+    suspect_count : number of views with findings at the last judgement before the last view
     files : files of the pictures of each view, by lamp
     planned : mask (n,) of the samples that each view was planned to show
     recoveries : part faults that the cell has set out to recover from
@@ -143,6 +144,7 @@ class PartRecord:
     unlearned: list[Shown] = field(default_factory=list)
     results: list[inspecting.ViewResult] = field(default_factory=list)
     judged: list[Shown] = field(default_factory=list)
+    suspect_count: int = 0
     files: dict[str, Mapping[str, str]] = field(default_factory=dict)
     planned: dict[str, BoolArray] = field(default_factory=dict)
     recoveries: list[Recovery] = field(default_factory=list)
@@ -163,6 +165,17 @@ class PartRecord:
         view from another grasp may: see `short`.
         """
         return merged([result.in_sight for result in self.results if result.evaluated])
+
+    @property
+    def suspects(self) -> int:
+        """Number of views with findings against the part, of those that have a result."""
+        return sum(bool(result.evaluated and result.findings) for result in self.results)
+
+    @property
+    def presents_left(self) -> int:
+        """Number of views in a gripper that the plan still has."""
+        left = () if self.plan is None else self.plan.steps[self.next_step :]
+        return sum(isinstance(step, Present) for step in left)
 
     @property
     def promised(self) -> BoolArray | None:

@@ -29,6 +29,7 @@ from .judging import Background, judge_held, judge_on_table
 # Share of the samples below which a further view is not worth it; fewer, on the border of the
 # surface shown, do not count.
 MIN_NEW_SHARE = 0.001
+FAIL_COUNT = 2  # looks that a failure takes (inspection, ADR 17)
 
 log = logging.getLogger(__name__)
 
@@ -209,6 +210,15 @@ class Views:
         tasks = [s.located for s in self._record.part.unlearned if s.located is not None]
         known = [t for t in tasks if t.done() and not t.cancelled()]
         return any(t.exception() is not None or not t.result().evaluated for t in known)
+
+    def may_have_failed(self) -> bool:
+        """Return whether the part is to be judged before its last view (`stop_at_fail`).
+
+        A failure takes two looks, and nothing is judged twice: that calls for two views with
+        findings, one of them new.
+        """
+        part, wanted = self._record.part, self._record.product.recipe.inspection
+        return wanted.stop_at_fail and part.suspects >= max(FAIL_COUNT, part.suspect_count + 1)
 
     def drop_pending(self) -> None:
         """Drop the views that are still being judged."""
