@@ -26,7 +26,8 @@ from controller.planning.geometry import Box, segments_hit
 from controller.planning.model import ShortFace
 from controller.planning.planner.prepare import without_short
 from controller.planning.views import (
-    by_sector,
+    by_element,
+    directions_to_floors,
     find_openings,
     holding_boxes,
     lit_from,
@@ -57,24 +58,31 @@ def is_blind(face: int) -> bool:
 
 
 (THROUGH,) = (f for f in walls(PLATE) if not is_blind(f))
+(BLIND,) = (f for f in walls(PLATE) if is_blind(f))
 BORE_MM = PLATE.mesh.triangles_center[PLATE.face_of_triangle == THROUGH].mean(axis=0)
+FLOOR_MM = np.array([16.0, -6.0, 5.0])
 
 
-def eye_at(tilt_deg: float) -> FloatArray:
-    """Return an eye (1, 3) that looks at the middle of the through bore, so far off its axis."""
+def eye_at(tilt_deg: float, at_mm: FloatArray = BORE_MM) -> FloatArray:
+    """Return an eye (1, 3) that looks at a place from above, so far off the plate's normal."""
     tilt = np.radians(tilt_deg)
-    return np.array([BORE_MM + AWAY_MM * np.array([0.0, np.sin(tilt), np.cos(tilt)])])
+    return np.array([at_mm + AWAY_MM * np.array([0.0, np.sin(tilt), np.cos(tilt)])])
+
+
+def shown_of(face: int, lit: BoolArray) -> int:
+    """Return how many elements of a bore are shown: sectors, or the one of a floor."""
+    openings = find_openings(PLATE)
+    return int(by_element(openings, lit)[0][openings.faces == face].sum())
 
 
 def open_sectors(lit: BoolArray) -> int:
-    openings = find_openings(PLATE)
-    return int(by_sector(openings, lit)[0][openings.faces == THROUGH].sum())
+    return shown_of(THROUGH, lit)
 
 
 def test_along_the_axis_all_of_a_through_bore_is_open_and_none_of_a_blind_one() -> None:
     openings = find_openings(PLATE)
     assert set(openings.faces.tolist()) == set(walls(PLATE))
-    lit = by_sector(openings, lit_from(openings, CASTER, eye_at(0.0)))[0]
+    lit = by_element(openings, lit_from(openings, CASTER, eye_at(0.0)))[0]
     assert lit[openings.faces == THROUGH].all()
     assert not lit[openings.faces != THROUGH].any()
 
@@ -91,6 +99,31 @@ def test_no_light_passes_at_an_angle_that_the_wall_cuts_off() -> None:
     assert counts == sorted(counts, reverse=True)
 
 
+@pytest.mark.parametrize(
+    ("tilt_deg", "is_shown"),
+    # along the axis a floor shows at the same place however deep it is; from below it is hidden,
+    # and past 58 degrees the mouth hides all of it (8 mm wide, 5 mm deep)
+    [(0.0, False), (15.0, True), (30.0, True), (65.0, False), (170.0, False)],
+)
+def test_a_slanting_look_shows_the_floor_of_a_blind_bore(tilt_deg: float, is_shown: bool) -> None:
+    lit = lit_from(find_openings(PLATE), CASTER, eye_at(tilt_deg, FLOOR_MM))
+    assert shown_of(BLIND, lit) == is_shown
+
+
+def test_a_deep_bore_gets_directions_of_its_own_to_its_floor() -> None:
+    deep = solid_of(box(40, 30, 40) - rod(4.0, 60, 64).translate((0, 0, 26)), "deep")
+    caster, openings = RayCaster(deep.mesh), find_openings(deep)
+    few = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
+    eyes = deep.centroid_mm + AWAY_MM * few
+    assert not by_element(openings, lit_from(openings, caster, eyes)).any()
+    added = directions_to_floors(openings, deep, caster, few, AWAY_MM)
+    assert len(added)
+    eyes = deep.centroid_mm + AWAY_MM * added
+    assert by_element(openings, lit_from(openings, caster, eyes)).all()
+    # what is shown already gets none
+    assert not len(directions_to_floors(openings, deep, caster, added, AWAY_MM))
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_finger_before_the_part_or_behind_it_takes_the_light(side: float) -> None:
     openings, eye = find_openings(PLATE), eye_at(0.0)
@@ -102,6 +135,17 @@ def test_a_finger_before_the_part_or_behind_it_takes_the_light(side: float) -> N
     T[:3, 3] += [0.0, 40.0, 0.0]
     beside = Box(T, finger.half_mm)
     assert (lit_past(openings, lit, eye, np.eye(4), [beside]) == lit).all()
+
+
+def test_a_finger_behind_a_floor_takes_nothing() -> None:
+    openings, eye = find_openings(PLATE), eye_at(20.0, FLOOR_MM)
+    lit = lit_from(openings, CASTER, eye)
+    T = np.eye(4)
+    T[:3, 3] = FLOOR_MM - np.array([0.0, 0.0, 40.0])
+    behind = Box(T, np.array([30.0, 30.0, 4.0]))
+    assert shown_of(BLIND, lit_past(openings, lit, eye, np.eye(4), [behind]))
+    T[:3, 3] += np.array([0.0, 0.0, 80.0])
+    assert not shown_of(BLIND, lit_past(openings, lit, eye, np.eye(4), [Box(T, behind.half_mm)]))
 
 
 OPTIONS = PlanOptions(
@@ -156,6 +200,26 @@ def test_a_plan_shows_light_through_the_greater_part_of_a_bores_rim(
     )
     # the surface alone does not make the plan look through the bore
     assert open_share(planned(nothing_asked)) < 0.5
+
+
+def floor_is_shown(plan: Plan) -> bool:
+    """Return whether a view, tilted by ten degrees, sees a quarter of the blind floor's edge."""
+    turns = np.arange(72) * np.pi / 36
+    edge = FLOOR_MM + (RADIUS_MM - 0.4) * np.column_stack([np.cos(turns), np.sin(turns), 0 * turns])
+    edge[:, 2] += 0.4
+    best = 0.0
+    for step in plan.steps:
+        if isinstance(step, Present):
+            eye = (inverse_pose(step.T_world_part) @ [*LAYOUT.inspection.position_mm, 1.0])[:3]
+            ways = edge - eye
+            seen = ~CASTER.blocked(np.broadcast_to(eye, ways.shape), ways, np.ones(len(ways)))
+            tilt = np.arccos(-ways.mean(axis=0)[2] / np.linalg.norm(ways.mean(axis=0)))
+            best = max(best, float(seen.mean()) if tilt > np.radians(9.5) else 0.0)
+    return best > 0.25
+
+
+def test_a_plan_shows_the_floor_of_a_blind_bore(prepared: PreparedPart) -> None:
+    assert floor_is_shown(planned(prepared))
 
 
 def test_a_bore_that_a_grasp_left_unproven_is_open_from_other_grasps_only(

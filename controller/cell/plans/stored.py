@@ -182,8 +182,10 @@ def check_prepared(part: PreparedPart) -> None:
         _require(table.shape == (views, samples), "views of another number of samples")
     bores = part.openings
     _require(_are_below(bores.faces, len(part.solid.faces)), "a bore on no surface")
-    _require(_are_below(bores.sector, len(bores.faces)), "no such sector of a bore")
-    _require(bores.points_mm.shape == (len(bores.sector), 3), "sectors of another number")
+    _require(bores.needed.shape == bores.faces.shape, "elements of another number")
+    _require(_are_below(bores.element, len(bores.faces)), "no such element of a bore")
+    for places in (bores.points_mm, bores.axes):
+        _require(places.shape == (len(bores.element), 3), "places of another number")
     for table in part.shown_open:
         _require(table.shape == (views, len(bores.faces)), "bores of another number")
     look = part.visibility_table

@@ -103,9 +103,9 @@ class PreparedPart:
         measured ones
     visibility_table : directions, and what the bare part shows in each
     shown : per arm grasp (v, n), what of it gripper and arm leave in sight
-    openings : sectors (e) of the rims of its bores, beside which light is to be shown
-    shown_open : per arm grasp (v, e), the sectors through which the camera looks past part and
-        gripper
+    openings : elements (e) of its bores: sectors of rims beside which light is to be shown, and
+        floors
+    shown_open : per arm grasp (v, e), those that part and gripper leave in sight
     view_q : per arm grasp, direction -> (k, 6) collision-free configurations
     hand_offs : per grasp of the fixed gripper, arm grasp -> how they meet
     covered : (g, n) samples some reachable view of an arm grasp shows

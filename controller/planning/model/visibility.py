@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import SurfaceSamples
 
@@ -44,19 +46,28 @@ class VisibilityTable:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Openings:
-    """Places just inside the rims of a part's bores, a sector of the rim each.
+    """What a view has to show of a part's bores: light through them, or the floor's edge.
 
     Attributes
     ----------
-    faces : (e,) id of the wall that each sector belongs to
-    sector : (k,) number below e of the sector of each place; a wall with two rims has two places in
-        each of its sectors
-    points_mm : (k, 3) CAD frame
+    faces : (e,) id of the wall that each element belongs to: a sector of a through bore's rim, or
+        all of a blind bore's floor
+    needed : (e,) number of places that a view has to show of it
+    element : (k,) number below e of the element of each place
+    points_mm : (k, 3) place just inside the wall, CAD frame
+    axes : (k, 3) unit, out of the mouth, of a place above a floor; 0 for one inside a rim
     """
 
     faces: IntArray
-    sector: IntArray
+    needed: IntArray
+    element: IntArray
     points_mm: FloatArray
+    axes: FloatArray
+
+    @property
+    def is_floor(self) -> BoolArray:
+        """Mask (k,) of the places above floors."""
+        return np.asarray(self.axes.any(axis=1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -55,7 +55,7 @@ class EdgeCosts:
     ----------
     views : per arm grasp, the direction of each row of `problem.shows`
     square_faces : (f,) the faces whose square view is an element after the samples; after them
-        follow the sectors of `PreparedPart.openings`
+        follow the elements of `PreparedPart.openings`
     site_s : (k, g, g) cost of each regrasp over each site
     sites : (k,)
     """
@@ -302,7 +302,7 @@ def _count_enough(part: PreparedPart, shown: BoolArray, is_open: BoolArray) -> i
     Parameters
     ----------
     part : prepared
-    shown, is_open : samples (n,) and sectors of bores (e,) that are shown
+    shown, is_open : samples (n,) and elements of bores (e,) that are shown
     """
     samples, bores, least = part.samples, part.openings.faces, part.options.face_share
     count = len(part.solid.faces)
@@ -318,7 +318,7 @@ def _count_enough(part: PreparedPart, shown: BoolArray, is_open: BoolArray) -> i
 
 
 def _opening_worth(part: PreparedPart) -> FloatArray:
-    """Return the worth of each sector of a bore (e,), in views of usual length."""
+    """Return the worth of each element of a bore (e,), in views of usual length."""
     bores = part.openings.faces
     needed = part.options.face_share * np.bincount(bores)
     return np.asarray(1.0 / needed[bores])

@@ -38,7 +38,8 @@ from ..motion import Scene, segment_seconds
 from ..regrasps import clear_hand_offs, hand_offs, rests, set_downs
 from ..views import (
     VisibilityRules,
-    by_sector,
+    by_element,
+    directions_to_floors,
     eyes_of,
     find_openings,
     hidden_by_gripper,
@@ -48,6 +49,7 @@ from ..views import (
     lit_past,
     look_out,
     reachable_views,
+    with_directions,
 )
 from .choice import dense_points, into_wedges, make_counted, with_hard_spots
 
@@ -118,6 +120,11 @@ def prepare_part(
             dense, visibility_table, solid, samples, caster, rules, options
         )
         by = make_counted(solid, samples, counted, probes, caster, rules, visibility_table)
+    openings = find_openings(solid)
+    vectors = directions_to_floors(
+        openings, solid, caster, visibility_table.directions.vectors, rules.distance_mm
+    )
+    visibility_table = with_directions(visibility_table, vectors, solid, samples, caster, rules)
     arm_grasps = (*base, *(turned_over(g) for g in base))
     fixed_grasps = (*fixed_base, *(turned_over(g) for g in fixed_base))
     bare = PreparedPart(
@@ -130,7 +137,7 @@ def prepare_part(
         fixed_grasps=fixed_grasps,
         visibility_table=visibility_table,
         shown=(),
-        openings=find_openings(solid),
+        openings=openings,
         shown_open=(),
         view_q=(),
         hand_offs=tuple({} for _ in fixed_grasps),
@@ -177,7 +184,7 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
                 boxes,
             )
             past = lit_past(part.openings, lit, eyes, grasp.T_part_tcp, boxes)
-            by_gripper[base] = part.visible & ~hidden, by_sector(part.openings, past)
+            by_gripper[base] = part.visible & ~hidden, by_element(part.openings, past)
         scene = Scene(layout, grasp.opening_mm, layout.fixed_open_mm, part.carried_box(grasp))
         views = reachable_views(
             layout,

@@ -8,7 +8,7 @@ from ._poses import Showing, hold_up, view_poses
 from ._reach import GraspViews, reachable_views
 from .counting import Counter, Sighting, nearest_on_face
 from .gripper import hidden_by_gripper, holding_boxes
-from .light import by_sector, find_openings, lit_from, lit_past
+from .light import by_element, directions_to_floors, find_openings, lit_from, lit_past
 from .visibility import (
     VisibilityRules,
     candidate_directions,
@@ -33,9 +33,10 @@ __all__ = [
     "Sighting",
     "VisibilityRules",
     "VisibilityTable",
-    "by_sector",
+    "by_element",
     "candidate_directions",
     "directions_into_wedges",
+    "directions_to_floors",
     "even_sphere",
     "eyes_of",
     "find_openings",

@@ -1,8 +1,9 @@
-"""Light through bores: where a view shows the panel beside the rim of a bore.
+"""What a view shows of bores: the panel's light through them, or the edge of a floor.
 
-Inspection takes a bore for drilled through where the panel's light is seen along its rims
+Inspection takes a bore for drilled through where the panel's light is seen along its rims, and a
+blind one for deep enough where a slanting view shows the edge of its floor
 (`inspection/edge_evidence`). So what a plan has to show of one is no point of its wall, which may
-be too deep to be seen at all, but the light just inside its rims.
+be too deep to be seen at all, but the light just inside its rims, or its floor's edge.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
-from controller.cad import Solid
+from controller.cad import Crease, Face, Solid
 from controller.imaging import RayCaster, inverse_pose, transform
 
 from ..geometry import Box, segments_hit
@@ -20,47 +21,63 @@ from ..model import Openings
 from .gripper import FINGER_SHADOW_MM
 
 SECTOR_COUNT = 12  # places round a rim; more than half of them prove a bore
+FLOOR_COUNT = 3  # places of a floor's edge in one view: a quarter of it, to fit its height to
 INSET_MM = 0.5  # some three pixels: so wide must the light beside a rim be
 INSET_SHARE = 0.3  # and no more of the radius than this, in a small bore
 BEHIND_MM = 250.0  # how far behind the part something may stand in the light
+# Along the axis a floor shows at the same place however deep it is. From this tilt on, half a
+# millimetre of depth moves its edge by half a pixel.
+MIN_TILT_RAD = float(np.radians(10.0))
+MAX_TILT_RAD = float(np.radians(25.0))  # enough, where the bore is wide
+AIM = 0.5  # share of a floor's width that a view made for it sees past the mouth
+WAY_COUNT = 4  # directions round the axis that are tried for a floor
 
 
 def find_openings(solid: Solid) -> Openings:
-    """Return the sectors of all bores with a closed rim."""
+    """Return what views have to show of all bores with closed rims."""
     b = solid.boundary
     sides = b.face.reshape(-1, 2)
     vertices = np.asarray(solid.mesh.vertices, dtype=np.float64)
     faces: list[int] = []
-    sectors, points = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
-    turns = (np.arange(SECTOR_COUNT) + 0.5) * 2 * np.pi / SECTOR_COUNT
+    needed: list[int] = []
+    elements, points, axes = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))], [np.zeros((0, 3))]
     for face in solid.faces:
         if face.kind != "cylinder" or not face.concave:
             continue
         around = np.flatnonzero((sides == face.id).any(axis=1)).tolist()
-        rings = [vertices[b.chain_of(edge)] for edge in around]
-        rings = [ring for ring in rings if len(ring) > 3 and (ring[0] == ring[-1]).all()]
-        if not rings:
+        ways = {edge: vertices[b.chain_of(edge)] for edge in around}
+        rings = {k: way for k, way in ways.items() if len(way) > 3 and (way[0] == way[-1]).all()}
+        floors = [way for edge, way in rings.items() if b.crease[edge] == Crease.CONCAVE]
+        mouths = [way for edge, way in rings.items() if b.crease[edge] != Crease.CONCAVE]
+        if not mouths:
             continue
         first = len(faces)
+        if floors:
+            out = _middle(mouths[0]) - _middle(floors[0])
+            out /= np.linalg.norm(out)
+            faces.append(face.id)
+            needed.append(FLOOR_COUNT)
+            points.append(_inside(face, floors[0]) + INSET_MM * out)
+            elements.append(np.full(SECTOR_COUNT, first))
+            axes.append(np.tile(out, (SECTOR_COUNT, 1)))
+            continue
         faces += [face.id] * SECTOR_COUNT
-        u = np.cross(face.axis, np.eye(3)[np.argmin(np.abs(face.axis))])
-        u /= np.linalg.norm(u)
-        ways = np.outer(np.cos(turns), u) + np.outer(np.sin(turns), np.cross(face.axis, u))
-        for ring in rings:
-            # halfway between the ends of its box: the mean of unevenly spaced points is not
-            middle = ring @ np.column_stack([u, np.cross(face.axis, u)])
-            middle = 0.5 * (middle.min(axis=0) + middle.max(axis=0))
-            off = ring - np.outer(middle[0], u) - np.outer(middle[1], np.cross(face.axis, u))
-            nearest = np.argmax(ways @ off.T, axis=1)
-            radial = (off[nearest] * ways).sum(axis=1)
-            inset = np.minimum(INSET_MM, INSET_SHARE * radial)
-            points.append(ring[nearest] - inset[:, None] * ways)
-            sectors.append(first + np.arange(SECTOR_COUNT))
-    return Openings(np.array(faces, dtype=np.int64), np.concatenate(sectors), np.vstack(points))
+        needed += [1] * SECTOR_COUNT
+        for ring in mouths:
+            points.append(_inside(face, ring))
+            elements.append(first + np.arange(SECTOR_COUNT))
+            axes.append(np.zeros((SECTOR_COUNT, 3)))
+    return Openings(
+        np.array(faces, dtype=np.int64),
+        np.array(needed, dtype=np.int64),
+        np.concatenate(elements),
+        np.vstack(points),
+        np.vstack(axes),
+    )
 
 
 def lit_from(openings: Openings, caster: RayCaster, eyes: FloatArray) -> BoolArray:
-    """Return a mask (v, k) of the places through which eyes (v, 3) look past the part.
+    """Return a mask (v, k) of the places that eyes (v, 3) see, past the part where inside a rim.
 
     Parameters
     ----------
@@ -70,9 +87,15 @@ def lit_from(openings: Openings, caster: RayCaster, eyes: FloatArray) -> BoolArr
     """
     count = len(openings.points_mm)
     eye, place = np.divmod(np.arange(len(eyes) * count), max(count, 1))
-    start = eyes[eye]
-    free = ~caster.blocked(start, openings.points_mm[place] - start)
-    return np.asarray(free.reshape(len(eyes), count))
+    start, along = eyes[eye], openings.points_mm[place] - eyes[eye]
+    free = np.zeros(len(eye), dtype=bool)
+    floor = openings.is_floor[place]
+    free[~floor] = ~caster.blocked(start[~floor], along[~floor])
+    cosine = -np.einsum("ij,ij->i", along[floor], openings.axes[place[floor]])
+    cosine /= np.linalg.norm(along[floor], axis=1)
+    tilted = np.flatnonzero(floor)[(cosine > 0.0) & (cosine <= np.cos(MIN_TILT_RAD))]
+    free[tilted] = ~caster.blocked(start[tilted], along[tilted], np.ones(len(tilted)))
+    return free.reshape(len(eyes), count)
 
 
 def lit_past(
@@ -96,16 +119,74 @@ def lit_past(
     left = np.zeros_like(lit)
     start, through = eyes[view], openings.points_mm[place]
     along = through - start
-    end = through + along * (BEHIND_MM / np.linalg.norm(along, axis=1, keepdims=True))
+    behind = np.where(openings.is_floor[place], 0.0, BEHIND_MM)
+    end = through + along * (behind / np.linalg.norm(along, axis=1))[:, None]
     T = inverse_pose(T_part_frame)
     hit = segments_hit(transform(T, end), transform(T, start), tuple(boxes), FINGER_SHADOW_MM)
     left[view, place] = ~hit
     return left
 
 
-def by_sector(openings: Openings, lit: BoolArray) -> BoolArray:
-    """Return a mask (v, e) of the sectors with a lit place (v, k)."""
-    shown = np.zeros((len(lit), len(openings.faces)), dtype=bool)
-    for place, sector in enumerate(openings.sector.tolist()):
-        shown[:, sector] |= lit[:, place]
-    return shown
+def by_element(openings: Openings, lit: BoolArray) -> BoolArray:
+    """Return a mask (v, e) of the elements of which enough places are lit (v, k)."""
+    shown = np.zeros((len(lit), len(openings.faces)), dtype=np.int64)
+    for place, element in enumerate(openings.element.tolist()):
+        shown[:, element] += lit[:, place]
+    return np.asarray(shown >= openings.needed)
+
+
+def directions_to_floors(
+    openings: Openings, solid: Solid, caster: RayCaster, vectors: FloatArray, distance_mm: float
+) -> FloatArray:
+    """Return directions (k, 3) for the floors that fewer than two of some directions show.
+
+    Parameters
+    ----------
+    openings : of the part
+    solid, caster : the part, and rays against its mesh
+    vectors : (v, 3) unit, from the centre of mass to the camera: those there are
+    distance_mm : of the camera from the centre of mass
+    """
+    shown = by_element(openings, lit_from(openings, caster, _eyes(solid, vectors, distance_mm)))
+    added: list[FloatArray] = []
+    for element in np.flatnonzero((openings.needed > 1) & (shown.sum(axis=0) < 2)).tolist():
+        places = np.flatnonzero(openings.element == element)
+        axis, ring = openings.axes[places[0]], openings.points_mm[places]
+        middle = ring.mean(axis=0)
+        width = 2.0 * float(np.linalg.norm(ring - middle, axis=1).mean())
+        wall = solid.mesh.triangles[solid.face_of_triangle == openings.faces[element]]
+        depth = float(((wall.reshape(-1, 3) - middle) @ axis).max())
+        tilt = float(np.clip(np.arctan(AIM * width / depth), MIN_TILT_RAD * 1.1, MAX_TILT_RAD))
+        u = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        u /= np.linalg.norm(u)
+        for turn in np.arange(WAY_COUNT) * 2.0 * np.pi / WAY_COUNT:
+            side = np.cos(turn) * u + np.sin(turn) * np.cross(axis, u)
+            eye = middle + distance_mm * (np.cos(tilt) * axis + np.sin(tilt) * side)
+            added.append((eye - solid.centroid_mm) / np.linalg.norm(eye - solid.centroid_mm))
+    if not added:
+        return np.zeros((0, 3))
+    found = np.stack(added)
+    lit = lit_from(openings, caster, _eyes(solid, found, distance_mm))
+    return found[by_element(openings, lit)[:, openings.needed > 1].any(axis=1)]
+
+
+def _eyes(solid: Solid, vectors: FloatArray, distance_mm: float) -> FloatArray:
+    return np.asarray(solid.centroid_mm + distance_mm * vectors)
+
+
+def _middle(ring: FloatArray) -> FloatArray:
+    """Return the middle of a ring's box: the mean of unevenly spaced points is not its middle."""
+    return np.asarray(0.5 * (ring.min(axis=0) + ring.max(axis=0)))
+
+
+def _inside(face: Face, ring: FloatArray) -> FloatArray:
+    """Return places (`SECTOR_COUNT`, 3) evenly round a rim of a bore, just inside its wall."""
+    turns = (np.arange(SECTOR_COUNT) + 0.5) * 2 * np.pi / SECTOR_COUNT
+    u = np.cross(face.axis, np.eye(3)[np.argmin(np.abs(face.axis))])
+    u /= np.linalg.norm(u)
+    v = np.cross(face.axis, u)
+    ways = np.outer(np.cos(turns), u) + np.outer(np.sin(turns), v)
+    off = ring - _middle(ring)
+    nearest = np.argmax(ways @ off.T, axis=1)
+    inset = np.minimum(INSET_MM, INSET_SHARE * (off[nearest] * ways).sum(axis=1))
+    return np.asarray(ring[nearest] - inset[:, None] * ways)
