@@ -25,7 +25,7 @@ import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
 from multiprocessing import get_context
@@ -129,7 +129,13 @@ def take(part: Path, kind: str, surfaces: str, seed: int, folder: Path) -> Path 
 
 
 def take_views(
-    part: Path, held: Held, station: Station, rng: np.random.Generator, seed: int, path: Path
+    part: Path,
+    held: Held,
+    station: Station,
+    rng: np.random.Generator,
+    seed: int,
+    path: Path,
+    ways_to_look: Iterable[tuple[Array, bool]] | None = None,
 ) -> Path:
     """Write the pictures of what the station holds, and the set that says it is the part.
 
@@ -141,6 +147,7 @@ def take_views(
     rng : draws grips and views
     seed : of the cameras' noise
     path : of the set
+    ways_to_look : turns (3, 3) of the part, and whether both lamps are used; None for `looks`
     """
     folder = path.parent
     folder.mkdir(parents=True, exist_ok=True)
@@ -148,7 +155,7 @@ def take_views(
     ways = grasps(held.solid)
     views: list[SetView] = []
     slips: dict[int, Array] = {}
-    for number, (R, is_square) in enumerate(looks()):
+    for number, (R, is_square) in enumerate(looks() if ways_to_look is None else ways_to_look):
         towards = np.array([0.0, -1.0, 0.0]) @ R
         which = int(np.argmin([-(towards @ way[0][:3, 0]) for way in ways]))
         if which not in slips:

@@ -88,12 +88,12 @@ def looks() -> Iterator[tuple[Array, bool]]:
     Six square to the part's axes but for some degrees, eight onto its corners.
     """
     for axis, sign in itertools.product(range(3), (1.0, -1.0)):
-        yield _facing(sign * np.eye(3)[axis]), True
+        yield facing(sign * np.eye(3)[axis]), True
     for signs in itertools.product((1.0, -1.0), repeat=3):
-        yield _facing(np.array(signs) / np.sqrt(3)), False
+        yield facing(np.array(signs) / np.sqrt(3)), False
 
 
-def _facing(direction: Array) -> Array:
+def facing(direction: Array) -> Array:
     """Return a turn that shows a part's direction to the station's camera, which looks along +y."""
     up = np.array([0.0, 0, 1]) if abs(direction[2]) < 0.9 else np.array([0.0, 1, 0])
     right = np.cross(up, direction)

@@ -34,6 +34,7 @@ from .resting import (
 from .solid import Solid, make_solid
 from .surfaces import (
     Feature,
+    Recess,
     SurfaceSamples,
     by_face,
     count_caution,
@@ -41,6 +42,7 @@ from .surfaces import (
     counted_samples,
     face_shares,
     find_features,
+    find_recesses,
     sample_surface,
     share_of,
     uncertainty_of,
@@ -76,6 +78,7 @@ __all__ = [
     "ManySolidsCadError",
     "OpenCadError",
     "PartSymmetry",
+    "Recess",
     "Resting",
     "RollingFamily",
     "SelfIntersectingCadError",
@@ -93,6 +96,7 @@ __all__ = [
     "counted_samples",
     "face_shares",
     "find_features",
+    "find_recesses",
     "find_resting",
     "line_view",
     "load_solid",

@@ -6,7 +6,13 @@ centre of the first pixel; lengths are in millimetres, angles in radians.
 
 from .camera import Camera, inverse_pose, rotation_angle, transform
 from .contours import Contour, mask_contour, mask_rim, subpixel_contour, threshold_levels
-from .edges import EdgeFits, blur_shift_px, measure_edges, step_heights
+from .edges import (
+    EdgeFits,
+    blur_shift_px,
+    measure_edges,
+    measure_sloped_edges,
+    step_heights,
+)
 from .lamp import PointLamp
 from .levels import Ground, Levels, fit_ground
 from .loops import evenly, loop_normals, signed_area, trace_loops
@@ -32,6 +38,7 @@ __all__ = [
     "mask_contour",
     "mask_rim",
     "measure_edges",
+    "measure_sloped_edges",
     "meet_part",
     "render_maps",
     "rotation_angle",

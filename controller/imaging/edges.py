@@ -35,6 +35,10 @@ ROUNDS: Final = 14
 DONE_PX: Final = 2e-4
 ROUNDING: Final = 0.29  # rms of a level that is rounded to a whole number
 WHITE: Final = 254.5  # from here on a true level is unknown
+SLOPED_PX: Final = 2.5  # reach of a fit with slopes, within which light from a corner is straight
+SLOPED_UNKNOWNS: Final = 5
+TRIED_PX: Final = 1.2  # distance about a step found with level sides within which it is tried anew
+TRIED_STEP_PX: Final = 0.05
 SQRT_2PI: Final = float(np.sqrt(2.0 * np.pi))
 
 
@@ -110,6 +114,68 @@ def measure_edges(
     if rising is not None:
         good &= fits.contrast * rising >= 0
     return replace(fits, offset_px=np.where(good, offset, np.nan))
+
+
+def measure_sloped_edges(
+    picture: Grey,
+    origins_px: FloatArray,
+    directions: FloatArray,
+    found: EdgeFits,
+    width_px: float,
+    noise: float,
+) -> EdgeFits:
+    """Return steps fitted anew, with a slope of the light on either side of each.
+
+    In an inner corner both sides light each other, the more the nearer to the corner. A fit with
+    level sides takes that for a part of the step, and is off by up to half a pixel. Slopes and
+    width hardly separate, so the width is given.
+
+    Parameters
+    ----------
+    picture, origins_px, directions, noise : see `measure_edges`
+    found : steps found along the rays, with level sides
+    width_px : width of the blurred step
+    """
+    some = np.flatnonzero(found.is_found)
+    if len(some) == 0:
+        return found
+    half = round(SLOPED_PX / STEP_PX)
+    at = np.arange(-half, half + 1, dtype=np.float64) * STEP_PX
+    start = origins_px[some] + found.offset_px[some, None] * directions[some]
+    values, _ = sample_rays(picture, start, directions[some], at)
+    places = np.arange(-TRIED_PX, TRIED_PX + 0.5 * TRIED_STEP_PX, TRIED_STEP_PX)
+    cost = np.stack([_sloped_cost(values, at - place, width_px) for place in places], axis=1)
+    best = np.clip(np.argmin(cost, axis=1), 1, len(places) - 2)
+    rows = np.arange(len(some))
+    before, least, after = (cost[rows, best + step] for step in (-1, 0, 1))
+    bend = np.maximum(before - 2.0 * least + after, 1e-9)
+    place = places[best] + np.clip(0.5 * (before - after) / bend, -1, 1) * TRIED_STEP_PX
+    rms = np.sqrt(least / max(len(at) - SLOPED_UNKNOWNS, 1))
+    # Neighbouring samples share the noise of a pixel.
+    level = np.maximum(rms, max(noise, ROUNDING)) / np.sqrt(STEP_PX)
+    fields = {
+        "offset_px": found.offset_px[some] + place,
+        "sigma_px": level * TRIED_STEP_PX * np.sqrt(2.0 / bend),
+        "residual": rms,
+        "width_px": np.full(len(some), width_px),
+    }
+    new = {name: getattr(found, name).copy() for name in fields}
+    for name, values_ in fields.items():
+        new[name][some] = values_
+    return replace(found, **new)
+
+
+def _sloped_cost(values: FloatArray, at_px: FloatArray, width_px: float) -> FloatArray:
+    """Return the squared misfit (n,) of profiles (n, k) to a step at 0 between two slopes."""
+    z = at_px / width_px
+    share = ndtr(z)
+    bell = np.exp(-0.5 * z * z) / SQRT_2PI
+    design = np.column_stack([
+        np.ones_like(z), share, width_px * (z * share + bell), width_px * (z * (1 - share) - bell)
+    ])  # fmt: skip
+    basis, _ = np.linalg.qr(design)
+    off = values - (values @ basis) @ basis.T
+    return np.asarray(np.einsum("nk,nk->n", off, off))
 
 
 def sample_rays(

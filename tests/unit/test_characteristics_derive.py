@@ -179,12 +179,14 @@ def test_a_rib_has_its_thickness() -> None:
     assert 4 in [round(size, 3) for size in sizes(solid_of(body), "thickness")]
 
 
-def test_the_floor_of_a_closed_pocket_is_listed_and_not_measured() -> None:
+def test_the_depth_of_a_closed_pocket_is_measured_at_its_four_walls() -> None:
     body = box(60, 40, 20) - box(30, 20, 10).translate((0, 0, 9))
-    floor = [c for c in derive(solid_of(body)) if c.exempt]
-    assert [c.nominal_mm for c in floor] == pytest.approx([14])
-    assert not floor[0].is_measured
-    assert "no outer edge" in floor[0].exempt
+    found = derive(solid_of(body))
+    assert not [c for c in found if c.exempt]
+    (depth,) = [c for c in found if c.is_depth]
+    assert depth.nominal_mm == pytest.approx(6)
+    assert (depth.lower_mm, depth.upper_mm) == pytest.approx((5.9, 6.1))
+    assert len(pair_of(depth).one) == len(pair_of(depth).other) == 4
 
 
 def test_planes_deep_in_a_narrow_groove_show_from_no_side() -> None:
@@ -210,11 +212,14 @@ def test_a_disc_is_as_thick_as_its_rims_are_apart() -> None:
     assert geometry.other_rims[0].radius_mm == pytest.approx(30, abs=1e-3)
 
 
-def test_a_counterbores_depth_is_listed_and_not_measured() -> None:
+def test_a_counterbores_depth_is_measured_at_the_rims_of_mouth_and_floor() -> None:
     body = plate((0, 0, 6)) - rod(6, 6, 96).translate((0, 0, 4))
     depth = by_id(solid_of(body))["hole 6 mm step 12 mm depth"]
     assert depth.nominal_mm == pytest.approx(3)
-    assert (depth.exempt, depth.is_measured) == ("no picture shows the depth of a hole", False)
+    assert (depth.exempt, depth.is_measured, depth.is_depth) == ("", True, True)
+    levels = [rim.centre_mm[2] for side in ("one_rims", "other_rims")
+              for rim in getattr(pair_of(depth), side)]  # fmt: skip
+    assert levels == pytest.approx([1, 4])
     assert "hole 6 mm depth" not in by_id(solid_of(body))
 
 

@@ -68,7 +68,9 @@ def planes_joined(solid: Solid, rows: tuple[Characteristic, ...]) -> dict[int, i
                 join(one.id, other.id)
     for row in rows:
         pair = row.geometry
-        if isinstance(pair, EdgePairGeometry) and pair.one_face != pair.other_face:
+        # The floor of a drilled hole is a cone.
+        faces = {pair.one_face, pair.other_face} if isinstance(pair, EdgePairGeometry) else set()
+        if len(faces & set(label)) == 2:
             join(pair.one_face, pair.other_face)
     return label
 

@@ -12,14 +12,13 @@ from edge_views import edge_views
 from manifold3d import CrossSection, Manifold
 from shown_part import face_id, part, perfect
 
-from controller.cad import sample_surface
+from controller.cad import find_recesses, sample_surface
 from controller.inspection import FindingKind, InspectionLimits, PosedPart
 from controller.inspection.dimensions import MeasuringSettings
 from controller.inspection.edge_evidence import (
     EdgeEvidence,
     FaceEdges,
     find_evidence,
-    find_recesses,
     inner_mm,
 )
 from controller.inspection.integrity import Allowances

@@ -10,7 +10,7 @@ import pytest
 from cad_solids import Body, box, rod, solid_of
 from shown_part import photograph, shown, task
 
-from controller.cad import Solid
+from controller.cad import Solid, find_recesses
 from controller.imaging import PointLamp
 from controller.inspection import PosedPart, ViewPictures
 from controller.inspection.dimensions import MeasuringSettings, PosedView
@@ -19,7 +19,6 @@ from controller.inspection.edge_evidence import (
     blind_bore,
     find_edges,
     find_floor,
-    find_recesses,
     rise_by_light,
 )
 

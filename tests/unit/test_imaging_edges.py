@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 from scipy.special import ndtr
 
 from controller.arrays import FloatArray, Grey
-from controller.imaging import blur_shift_px, measure_edges
+from controller.imaging import blur_shift_px, measure_edges, measure_sloped_edges
 
 DARK, BRIGHT = 40.0, 200.0
 
@@ -148,6 +149,28 @@ def test_burnt_samples_are_counted() -> None:
     burnt = measure_edges(bright, origins, directions, 3.0).burnt
     assert (burnt > 0.3).all()
     assert (measure_edges(grey(upright_edge(30.0)), origins, directions, 3.0).burnt == 0).all()
+
+
+@pytest.mark.parametrize("foot", [0.0, 40.0, 80.0])
+def test_an_edge_in_a_corner_lit_by_its_own_walls_is_where_it_was_drawn(foot: float) -> None:
+    """On the dark side the light rises towards the corner, twice as much every 3 pixels."""
+    place, psf, fine = 30.13, 0.6, 40
+    x = (np.arange(60 * fine) + 0.5) / fine - 0.5
+    dark = DARK + foot * np.exp((x - place) * np.log(2) / 3.0)
+    sharp = np.where(x < place, dark, BRIGHT)
+    blurred = gaussian_filter1d(sharp, psf * fine, mode="nearest")
+    levels = np.broadcast_to(blurred.reshape(60, fine).mean(axis=1), (60, 60))
+    picture = grey(levels, 0.7)
+    origins, directions = row_rays(30.2)
+    level = measure_edges(picture, origins, directions, 3.0, 0.7)
+    width = float(np.sqrt(psf**2 + 1 / 12))
+    found = measure_sloped_edges(picture, origins, directions, level, width, 0.7)
+    assert found.offset_px.mean() == pytest.approx(place - 30.2, abs=0.05)
+    # with level sides a steep foot is taken for a part of the step
+    if foot == 80.0:
+        assert level.offset_px.mean() < place - 30.2 - 0.15
+    scatter = found.offset_px.std()
+    assert 0.4 * scatter < np.median(found.sigma_px) < 0.1
 
 
 def test_no_rays_are_no_fits() -> None:

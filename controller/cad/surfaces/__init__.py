@@ -4,12 +4,14 @@ from ._counted import SAMPLE_SHARE, count_caution, counted_defect_mm, counted_sa
 from ._samples import SurfaceSamples, by_face, sample_surface
 from ._shares import face_shares, share_of, uncertainty_of
 from .features import Feature, FeatureKind, FeatureWall, find_features
+from .mouths import Recess, find_recesses
 
 __all__ = [
     "SAMPLE_SHARE",
     "Feature",
     "FeatureKind",
     "FeatureWall",
+    "Recess",
     "SurfaceSamples",
     "by_face",
     "count_caution",
@@ -17,6 +19,7 @@ __all__ = [
     "counted_samples",
     "face_shares",
     "find_features",
+    "find_recesses",
     "sample_surface",
     "share_of",
     "uncertainty_of",

@@ -135,6 +135,8 @@ class EdgePairGeometry:
     one_face, other_face : id of the largest face of each plane
     one_rims, other_rims : circular edges in the planes
     middle_mm : (3,) midpoint between the centres of both, CAD frame
+    is_depth : True for the depth of a blind recess: the first plane is its floor, the second that
+        of its mouth, and the edges of both are in pairs, one pair for each wall
     """
 
     one: tuple[EdgeLine, ...]
@@ -145,6 +147,7 @@ class EdgePairGeometry:
     one_rims: tuple[Rim, ...] = ()
     other_rims: tuple[Rim, ...] = ()
     middle_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
+    is_depth: bool = False
 
 
 Geometry = RimGeometry | EdgePairGeometry
@@ -218,6 +221,11 @@ class Characteristic:
     def is_one_sided(self) -> bool:
         """True if it is a deviation from an ideal, which cannot be below 0."""
         return self.kind in ONE_SIDED
+
+    @property
+    def is_depth(self) -> bool:
+        """True if it is the depth of a blind recess, which few views show."""
+        return isinstance(self.geometry, EdgePairGeometry) and self.geometry.is_depth
 
     def as_stated(self) -> "Characteristic":
         """Return the characteristic as if its limits were stated; measured if only these lacked."""

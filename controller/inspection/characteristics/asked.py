@@ -170,7 +170,8 @@ def _by_faces(
     found = [
         at
         for at, c in enumerate(known)
-        if wanted <= set(c.faces) and (asked.kind is None or c.kind == asked.kind)
+        if (wanted <= set(c.faces) or wanted == _planes(c))
+        and (asked.kind is None or c.kind == asked.kind)
     ]
     if found:
         # Prefer the measured characteristics of the faces, if there are any.
@@ -182,6 +183,14 @@ def _by_faces(
             known.append(pair_characteristic(pair, tolerance_class))
             return [len(known) - 1]
     raise AskedError(index, f"{names}: no characteristic is of these faces, nor are they parallel")
+
+
+def _planes(characteristic: Characteristic) -> set[int]:
+    """Return the two planes that a distance lies between; none for any other characteristic."""
+    geometry = characteristic.geometry
+    if isinstance(geometry, RimGeometry):
+        return set()
+    return {geometry.one_face, geometry.other_face}
 
 
 def _by_place(known: list[Characteristic], asked: Asked, index: int) -> int:

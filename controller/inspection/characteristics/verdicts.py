@@ -26,6 +26,7 @@ OWN_NUMBER: Final = re.compile(r" (?:\(\d+\)|F\d+(?: \w+ F\d+)?)")
 GROSS_SHARE: Final = 0.5
 GROSS_MM: Final = 0.15
 GROSS_PROBABILITY: Final = 0.99  # probability with which a value must exclude a plain miss
+NOT_DEEP: Final = "no picture shows how deep it is"
 BADNESS: Final = {
     Verdict.PASS: 0,
     Verdict.NOT_EVALUATED: 1,
@@ -93,7 +94,9 @@ def with_capability(
         found = capability_of(one, station, accuracy)
         if one.is_general and not one.exempt and not found.is_capable:
             promise = f"the cell promises U = {found.U_mm * UM_PER_MM:.0f} um"
-            if found.share > 1.0:  # even a value within its limits would prove nothing
+            if (
+                found.share > 1.0 and not one.is_depth
+            ):  # even a value within its limits would prove nothing
                 exempt = f"{promise}, and 2 U is more than the whole tolerance"
                 one = replace(one, exempt=exempt, is_measured=False)
             else:
@@ -110,7 +113,8 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
     stated, a value within the limits is enough if it excludes a plain miss (`is_near_enough`); a
     value beyond the limits that is not proven wrong is left to a person. A characteristic that no
     picture shows, or that the recipe leaves out, is not needed. One that is not required may also
-    remain unmeasured.
+    remain unmeasured, and so may a depth under a general tolerance, which few views show and whose
+    U often exceeds it: then only a plain miss stops a PASS.
 
     Parameters
     ----------
@@ -127,6 +131,8 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
             failed.append(f"{asked.label}: {_value(one)}, beyond {_limits(asked)}")
         elif one.verdict is Verdict.PASS:
             continue
+        elif one.measured_mm is None and asked.is_depth and asked.is_general:
+            left_out.setdefault(NOT_DEEP, []).append(asked.label)
         elif not asked.is_required and (
             one.measured_mm is None or _is_within(asked, one.measured_mm) or _says_nothing(one)
         ):
@@ -135,7 +141,7 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
             still_open.append(
                 f"{asked.label}: not evaluated, {one.reason or 'no picture shows it'}"
             )
-        elif is_near_enough(one):
+        elif is_near_enough(one) or (asked.is_depth and not one.is_disputed and _says_nothing(one)):
             why = asked.exempt or one.reason
             unproven.append(f"{asked.label}: {_value(one)}, not proven; {why}")
         else:

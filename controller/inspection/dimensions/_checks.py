@@ -101,6 +101,7 @@ def failure_of(
     width: float,
     picture: PictureKind,
     settings: MeasuringSettings,
+    level: IndexArray,
 ) -> str:
     """Return the failed self-check; empty where all passed.
 
@@ -109,16 +110,17 @@ def failure_of(
     answer : the fit
     good : (n,) mask of the rays with an edge
     rays, found, width, picture, settings : see `failure_of`
+    level : (n,) level of each ray's edge; each level needs its share
     """
     used = answer.used
-    share = float(used.mean())
-    # Where light hides the rest, the same share of the visible rays is required.
-    shown = float(good.mean())
-    if share < settings.min_share * (shown if shown < settings.min_share else 1.0):
-        return (
-            f"{100 * share:.0f} % of its edge lies on the fitted shape, "
-            f"{100 * settings.min_share:.0f} % is required"
-        )
+    for one in np.unique(level):
+        share, shown = float(used[level == one].mean()), float(good[level == one].mean())
+        # Where light hides the rest, the same share of the visible rays is required.
+        if share < settings.min_share * (shown if shown < settings.min_share else 1.0):
+            return (
+                f"{100 * share:.0f} % of its edge lies on the fitted shape, "
+                f"{100 * settings.min_share:.0f} % is required"
+            )
     burnt = float(found.burnt[used].mean())
     if burnt > settings.max_burnt:
         return f"{100 * burnt:.0f} % of the pixels beside its edge are burnt out"

@@ -1,11 +1,11 @@
 """Features to fit in a picture: holes and bosses by their rims, faces by their edges."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, FloatArray, IndexArray
 from controller.cad import Solid
 
 from ..characteristics import EdgeLine, Rim, rim_directions
@@ -22,6 +22,7 @@ from ._curves import (
 from ._rays import Rays
 
 MIN_TURN_RAD: Final = 1e-3  # turn below which an arc counts as straight
+WAVES: Final = 3  # number of waves round a circle in which light may move its edge
 NO_POINTS: Final = np.zeros((0, 2))
 
 
@@ -63,19 +64,30 @@ class RimFeature:
         """Return the derivatives (n, 3) of offsets; `curve` (n,) is the edge of each, from 0."""
         return rays.design[:, :3]
 
-    def light_angles(self, rays: Rays) -> FloatArray:
-        """Return the angles (n,) round which light moves its edges unevenly.
+    def light_modes(self, rays: Rays, curve: IndexArray) -> FloatArray:
+        """Return the modes (n, k) in which light may move its edges, as a whole and unevenly.
 
-        On an arc these are the angles in space, times the ratio of its turns in space and in the
-        picture, the larger over the smaller: at a grazing angle a small effect of light bends the
-        arc like another radius.
+        Round a whole circle, only the first mode changes the radius and only the next two the
+        place. On a visible arc, all other modes change one or the other as well. The angles of an
+        arc are those in space, times the ratio of its turns in space and in the picture, the larger
+        over the smaller: at a grazing angle a small effect of light bends the arc like another
+        radius.
         """
         rim = self.rims[0]
         if rim.sweep_rad > FULL_RAD:
-            return _normal_angles(rays)
+            return _waves(rays, _normal_angles(rays))
         turn = turn_of(rim, rays.points_mm)
         stretch = float(np.ptp(turn)) / max(_picture_turn_rad(rays), MIN_TURN_RAD)
-        return turn * min(max(stretch, 1.0 / stretch), 2 * np.pi / rim.sweep_rad)
+        return _waves(rays, turn * min(max(stretch, 1.0 / stretch), 2 * np.pi / rim.sweep_rad))
+
+    @property
+    def level_count(self) -> int:
+        """Number of levels at which it has edges."""
+        return 1
+
+    def level(self, curve: IndexArray) -> IndexArray:
+        """Return the level of its edges (n,), from 0; each level has to be in sight."""
+        return np.zeros(len(curve), dtype=np.intp)
 
     @property
     def sought_first(self) -> BoolArray:
@@ -145,9 +157,18 @@ class FaceFeature:
         out[np.arange(len(out)), 1 + curve.astype(np.intp)] = rays.design[:, 1]
         return out
 
-    def light_angles(self, rays: Rays) -> FloatArray:
-        """Return the angles (n,) round which light moves its edges unevenly."""
-        return _normal_angles(rays)
+    def light_modes(self, rays: Rays, curve: IndexArray) -> FloatArray:
+        """Return the modes (n, k) in which light may move its edges, as a whole and unevenly."""
+        return _waves(rays, _normal_angles(rays))
+
+    @property
+    def level_count(self) -> int:
+        """Number of levels at which it has edges."""
+        return 1
+
+    def level(self, curve: IndexArray) -> IndexArray:
+        """Return the level of its edges (n,), from 0; each level has to be in sight."""
+        return np.zeros(len(curve), dtype=np.intp)
 
     @property
     def sought_first(self) -> BoolArray:
@@ -167,7 +188,123 @@ class FaceFeature:
         return np.asarray(self.rims[0].centre_mm)
 
 
-Feature = RimFeature | FaceFeature
+@dataclass(eq=False)
+class RecessFeature:
+    """A blind recess by the edges of its mouth and its floor.
+
+    Unknowns: its depth; then the shift of each plane wall along its normal; then, of each round
+    wall, the place along `rim_directions` and the radius. Both edges of a wall move with it.
+
+    Attributes
+    ----------
+    axis : (3,) unit, out of the mouth
+    lines : straight edges of each plane wall, at the mouth and at the floor
+    rims : arcs of each round wall, at the mouth and at the floor
+    """
+
+    axis: FloatArray
+    lines: tuple[tuple[EdgeLine, EdgeLine], ...]
+    rims: tuple[tuple[Rim, Rim], ...] = ()
+    _chords: tuple[Chords, ...] = ()
+
+    @property
+    def unknown_count(self) -> int:
+        """Number of unknowns of the whole feature."""
+        return 1 + len(self.lines) + 3 * len(self.rims)
+
+    def curves(self, solid: Solid, pixel_mm: float, moved_mm: FloatArray) -> list[Curve]:
+        """Return its edges, moved by the unknowns found so far, mouth and floor in turn.
+
+        Parameters
+        ----------
+        solid : the part
+        pixel_mm : size of a pixel there
+        moved_mm : (p,) the unknowns
+        """
+        if len(self._chords) < 2 * len(self.rims):
+            self._chords = tuple(chords_of(solid, rim) for pair in self.rims for rim in pair)
+        found: list[tuple[Curve, FloatArray, int]] = []
+        at = 1
+        for pair in self.lines:
+            normal = solid.faces[pair[0].faces[0]].normal
+            for line in pair:
+                curve = line_curve(solid, line, normal, pixel_mm, float(moved_mm[at]))
+                found.append((curve, curve.design[:, :1], at))
+            at += 1
+        chords = iter(self._chords)
+        for rims in self.rims:
+            directions = rim_directions(rims[0].axis)
+            for rim in rims:
+                by = moved_mm[at : at + 3]
+                curve = rim_curve(solid, rim, directions, pixel_mm, by, next(chords))
+                found.append((curve, curve.design, at))
+            at += 3
+        return [
+            self._sunk(curve, own, at, float(moved_mm[0]) * (i % 2), i % 2)
+            for i, (curve, own, at) in enumerate(found)
+        ]
+
+    def _sunk(self, curve: Curve, own: FloatArray, at: int, by_mm: float, floor: int) -> Curve:
+        """Return a curve, lower by some millimetres, with derivatives by all unknowns.
+
+        Parameters
+        ----------
+        curve : edge of a wall
+        own : (n, k, 3) derivatives by the wall's own unknowns, the first of which is number `at`
+        by_mm : deviation of the depth; 0 at the mouth
+        floor : 1 at the floor, 0 at the mouth
+        """
+        design = np.zeros((len(own), self.unknown_count, 3))
+        design[:, 0] = -floor * self.axis
+        design[:, at : at + own.shape[1]] = own
+        return replace(curve.moved(-by_mm * self.axis), design=design)
+
+    def design(self, rays: Rays, curve: FloatArray) -> FloatArray:
+        """Return the derivatives (n, p) of offsets; `curve` (n,) is the edge of each, from 0."""
+        return rays.design[:, : self.unknown_count]
+
+    def light_modes(self, rays: Rays, curve: IndexArray) -> FloatArray:
+        """Return the modes (n, k) in which light may move its edges, each on its own.
+
+        A straight edge moves as a whole, an arc unevenly as well. The modes of an arc share the
+        displacement of a point.
+        """
+        waves = _waves(rays, _normal_angles(rays))
+        arc = waves / np.sqrt(1 + WAVES)
+        straight = 2 * len(self.lines)
+        each = [
+            (waves[:, :1] if one < straight else arc) * (curve == one)[:, None]
+            for one in np.unique(curve).tolist()
+        ]
+        return np.concatenate(each, axis=1)
+
+    @property
+    def level_count(self) -> int:
+        """Number of levels at which it has edges."""
+        return 2
+
+    def level(self, curve: IndexArray) -> IndexArray:
+        """Return 0 for edges (n,) of the mouth, and 1 for edges of the floor."""
+        return np.asarray(curve % 2, dtype=np.intp)
+
+    @property
+    def sought_first(self) -> BoolArray:
+        """Mask (p,) of the unknowns solved for in the first look."""
+        return np.ones(self.unknown_count, dtype=np.bool_)
+
+    @property
+    def kept(self) -> BoolArray:
+        """Mask (p,) of the unknowns that the second look takes over from the first."""
+        return np.ones(self.unknown_count, dtype=np.bool_)
+
+    @property
+    def middle_mm(self) -> FloatArray:
+        """Middle of the feature, (3,), CAD frame."""
+        edges = [0.5 * (x.start_mm + x.end_mm) for pair in self.lines for x in pair]
+        return np.asarray(np.mean([*edges, *(x.centre_mm for p in self.rims for x in p)], axis=0))
+
+
+Feature = RimFeature | FaceFeature | RecessFeature
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -205,6 +342,12 @@ class FeatureFit:
     form_u_mm: float = float("inf")
     share: float = 0.0
     is_part: bool = False
+
+
+def _waves(rays: Rays, angle: FloatArray) -> FloatArray:
+    """Return modes (n, k) of edges: out of the material, and waves round angles (n,)."""
+    waves = [wave(k * angle) for k in range(1, WAVES + 1) for wave in (np.cos, np.sin)]
+    return np.column_stack([rays.outward, *waves])
 
 
 def _normal_angles(rays: Rays) -> FloatArray:

@@ -26,7 +26,7 @@ from ..characteristics import (
     RimGeometry,
     rim_directions,
 )
-from ._features import FaceFeature, Feature, FeatureFit, RimFeature
+from ._features import FaceFeature, Feature, FeatureFit, RecessFeature, RimFeature
 from ._types import MeasuringSettings, PosedView
 
 NOISE: Final = "edge noise"
@@ -53,6 +53,7 @@ OF_A_RIM: Final = frozenset(
 ROUND: Final = 2.45 / 2.0
 # Distance from nominal, in uncertainties, beyond which a place is off in one direction.
 FAR_OUT: Final = 3.0
+MIN_SINE: Final = 1e-3  # along the axis of a recess its depth does not show at all
 NOTHING: Final[Mapping[str, FloatArray]] = MappingProxyType({})
 
 
@@ -93,6 +94,10 @@ def features_of(characteristic: Characteristic) -> tuple[Feature, ...]:
             ends = _slot_ends(geometry.rims)
             return tuple(RimFeature(end) for end in ends) if len(ends) == 2 else ()
         return (RimFeature(geometry.rims),) if kind in OF_A_RIM else ()
+    if geometry.is_depth:
+        lines = tuple(zip(geometry.other, geometry.one, strict=True))
+        rims = tuple(zip(geometry.other_rims, geometry.one_rims, strict=True))
+        return (RecessFeature(geometry.direction, lines, rims),)
     if kind is CharacteristicKind.STRAIGHTNESS:
         return (_face(geometry.one[:1], geometry.direction),) if geometry.one else ()
     if kind is CharacteristicKind.ANGLE:
@@ -169,6 +174,8 @@ def feature_key(feature: Feature) -> tuple[object, ...]:
     """Return a key that is equal for features that need only one fit."""
     if isinstance(feature, RimFeature):
         return tuple(id(rim) for rim in feature.rims)
+    if isinstance(feature, RecessFeature):
+        return tuple(id(edge) for pair in (*feature.lines, *feature.rims) for edge in pair)
     edges = (*feature.lines, *feature.rims)
     return (feature.directions.tobytes(), *(id(edge) for edge in edges))
 
@@ -220,12 +227,16 @@ def estimate(
             arm = min(_length(line) for f in sought.features.values() for line in _lines(f))
             parts[LENS] = one * lens * (2.0 / arm) ** 2
         else:
-            parts[LENS] = one * lens
+            # A displacement in the picture is a depth times the sine of the angle to its axis.
+            sine = _sine(towards, characteristic) if characteristic.is_depth else 1.0
+            parts[LENS] = one * lens / max(sine, MIN_SINE) ** 2
             parts[SCALE] = one * (settings.scale * length_mm) ** 2
             expansion = settings.expansion_per_k * settings.temperature_k
             parts[TEMPERATURE] = one * (expansion * length_mm) ** 2
     total = np.sum(list(parts.values()), axis=0)
     value, u = value_of(characteristic, vector, total)
+    if not reason and characteristic.is_depth and value <= FAR_OUT * u:
+        reason = "the edge found in place of its floor may be that of its mouth"
     is_part = bool(reason) and all(fit.is_part or not fit.reason for fit in fits)
     if (is_part or not reason) and 2.0 * u > characteristic.tolerance_mm:
         angle = np.degrees(np.arccos(min(abs(float(towards @ _facing(characteristic))), 1.0)))
@@ -238,6 +249,10 @@ def estimate(
     budget = {name: math.sqrt(largest_eigenvalue(part)) for name, part in parts.items()}
     look = _look(characteristic, view, lamp, value, u, reason, budget, fits)
     return Estimate(look, vector, parts, towards, view.grasp, is_part)
+
+
+def _sine(towards: FloatArray, characteristic: Characteristic) -> float:
+    return float(np.linalg.norm(np.cross(towards, _facing(characteristic))))
 
 
 def largest_eigenvalue(symmetric: FloatArray) -> float:
@@ -316,6 +331,7 @@ def _rows(
             way /= max(float(np.linalg.norm(way)), 1e-9)
             rows = []
             for sign, feature in zip((-1.0, 1.0), features, strict=True):
+                assert isinstance(feature, RimFeature)
                 axis = feature.rims[0].axis
                 along = np.array(rim_directions(axis)) @ way
                 rows.append(np.array([[*(sign * along), 1.0]]))
@@ -330,7 +346,8 @@ def _rows(
             rows.append(row)
         return rows, 0.0
     rows = []
-    for sign, feature in zip((-1.0, 1.0), features, strict=True):
+    signs = (1.0,) if geometry.is_depth else (-1.0, 1.0)
+    for sign, feature in zip(signs, features, strict=True):
         row = np.zeros((1, feature.unknown_count))
         row[0, 0] = sign
         rows.append(row)
@@ -349,6 +366,8 @@ def _facing(characteristic: Characteristic) -> FloatArray:
     geometry = characteristic.geometry
     if isinstance(geometry, RimGeometry):
         return np.asarray(geometry.rims[0].axis)
+    if geometry.is_depth:
+        return geometry.direction
     lines = (*geometry.one, *geometry.other)
     if not lines:
         return np.asarray(rim_directions(geometry.direction)[0])

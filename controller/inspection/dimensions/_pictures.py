@@ -15,7 +15,13 @@ import numpy as np
 from scipy.special import expit
 
 from controller.arrays import BoolArray, FloatArray, Grey, IndexArray, median
-from controller.imaging import EdgeFits, blur_shift_px, measure_edges, transform
+from controller.imaging import (
+    EdgeFits,
+    blur_shift_px,
+    measure_edges,
+    measure_sloped_edges,
+    transform,
+)
 from controller.imaging.levels import pixel_noise
 
 from .._pose import PosedPart
@@ -44,7 +50,8 @@ BLUR_KNOWN: Final = 0.1  # difference between a lens's blur and a Gaussian one, 
 # Uncertainty as a share of a chord's height, since blur rounds the corners between chords.
 CHORDS_KNOWN: Final = 0.1
 ANOTHER: Final = "another edge of the part, or a shadow's border, belongs where it was found"
-WAVES: Final = 3  # number of waves round a circle in which light may move its edge
+# Reasons where no edge of a recess is in sight at its mouth, and at its floor.
+NOT_IN_SIGHT: Final = ("no edge of its mouth is in sight", "no edge of its floor is in sight")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -148,6 +155,7 @@ def fit_features(
     )
     if sharpness is None:
         sharpness = sharpness_of(found)
+    found = _with_corners(prediction, picture, index, again, found, sharpness, noise)
     fits = []
     for i, feature in enumerate(prediction.features):
         mine = np.flatnonzero(owner == i)
@@ -175,6 +183,47 @@ def fit_features(
             )
         )
     return fits, sharpness
+
+
+def _with_corners(
+    prediction: Prediction,
+    picture: Grey,
+    index: IndexArray,
+    rays: Rays,
+    found: EdgeFits,
+    sharpness: Sharpness | None,
+    noise: float,
+) -> EdgeFits:
+    """Return the found edges, with those in inner corners fitted anew between slopes of light.
+
+    Parameters
+    ----------
+    prediction : prediction, with the original rays
+    picture : the picture
+    index : (n,) numbers of the rays
+    rays, found : (n,) the rays across moved edges, and the edges found on them
+    sharpness : sharpness of the view's edges; None where it is not known
+    noise : rms noise of a pixel [grey]
+    """
+    inner = np.zeros(len(index), dtype=np.bool_)
+    for i, feature in enumerate(prediction.features):
+        mine = np.flatnonzero(prediction.feature[index] == i)
+        inner[mine] = feature.level(prediction.curve[index[mine]]) > 0
+    corners = np.flatnonzero(inner)
+    if sharpness is None or len(corners) == 0:
+        return found
+    again = measure_sloped_edges(
+        picture,
+        rays.pixels[corners],
+        rays.normals[corners],
+        _some(found, corners),
+        sharpness.width_px,
+        noise,
+    )
+    values = {name: getattr(found, name).copy() for name in EdgeFits.__slots__}
+    for name, value in values.items():
+        value[corners] = getattr(again, name)
+    return EdgeFits(**values)
 
 
 def _first_look(
@@ -303,14 +352,19 @@ def _fit(
     good = found.is_found & (found.sigma_px <= settings.max_ray_px)
     points = rays.pixels + np.nan_to_num(found.offset_px)[:, None] * rays.normals
     little = ""
-    if good.sum() < settings.min_share * len(good):
+    level = feature.level(curve)
+    for one in range(feature.level_count):
+        if not (level == one).any():
+            return FeatureFit(NOT_IN_SIGHT[one])
+    share = min(float(good[level == one].mean()) for one in range(feature.level_count))
+    if share < settings.min_share:
         little = (
-            f"{100 * good.mean():.0f} % of its edge found where it must show, "
+            f"{100 * share:.0f} % of its edge found where it must show, "
             f"{100 * settings.min_share:.0f} % is required"
         )
         # Before a panel an edge is lit wherever it is.
-        least = np.inf if picture.is_backlit else settings.min_part * len(good)
-        if good.sum() < max(least, settings.min_rays):
+        least = np.inf if picture.is_backlit else settings.min_part
+        if share < least or good.sum() < settings.min_rays:
             nowhere = np.zeros(len(good), dtype=np.bool_)
             return FeatureFit(little, points_px=points, accepted=nowhere)
     width = median(found.width_px[good])
@@ -329,7 +383,7 @@ def _fit(
     if answer is None:
         return FeatureFit("too little of its edge shows for a shape", points_px=points)
     used = answer.used
-    reason = failure_of(answer, good, rays, found, width, picture, settings)
+    reason = failure_of(answer, good, rays, found, width, picture, settings, level)
     if not reason and is_another(design @ (moved + answer.values)):
         reason = ANOTHER
     edge_px = settings.backlit_edge_px if picture.is_backlit else settings.lit_edge_px
@@ -345,7 +399,8 @@ def _fit(
         values_mm=moved + answer.values,
         noise=answer.noise,
         pose=answer.gain @ rays.pose,
-        edge=answer.gain @ np.column_stack([edge_px * _modes(feature, rays), LEAN_KNOWN * lean]),
+        edge=answer.gain
+        @ np.column_stack([edge_px * feature.light_modes(rays, curve), LEAN_KNOWN * lean]),
         wall=answer.gain @ (rays.rising * wall),
         blur=answer.gain @ (BLUR_KNOWN * blur),
         facets=answer.gain @ (chords.share_u * chords.chord_px),
@@ -406,22 +461,6 @@ def _chords_made(design: FloatArray, rays: Rays, offset: FloatArray, variance: F
     between = max(abs(seen - share) - seen_u, 0.0)
     share_u = float(np.sqrt(share * (1.0 - share) + between**2 + CHORDS_KNOWN**2))
     return _Made(share, min(share_u, 0.5), rays.chord_px[:, turn])
-
-
-def _modes(feature: Feature, rays: Rays) -> FloatArray:
-    """Return the modes (n, k) in which light may move an edge, as a whole and unevenly.
-
-    Round a whole circle, only the first mode changes the radius and only the next two the place. On
-    a visible arc, all other modes change one or the other as well.
-
-    Parameters
-    ----------
-    feature : feature whose fit they affect
-    rays : rays across its edges
-    """
-    angle = feature.light_angles(rays)
-    waves = [wave(k * angle) for k in range(1, WAVES + 1) for wave in (np.cos, np.sin)]
-    return np.column_stack([rays.outward, *waves])
 
 
 def answer_place(feature: Feature, rays: Rays, curve: IndexArray, answer: Solution) -> FloatArray:

@@ -8,7 +8,6 @@ from ._faces import FaceEdges, MissingEdge, inner_mm
 from ._floor_light import BlindBore, blind_bore, rise_by_light
 from ._looks import EdgeLook, State
 from ._other_looks import refuted
-from ._recesses import Recess, find_recesses
 from .evidence import EdgeEvidence, EdgeView, find_evidence, look_ahead
 
 __all__ = [
@@ -23,7 +22,6 @@ __all__ = [
     "FloorLook",
     "MissingEdge",
     "PartEdges",
-    "Recess",
     "State",
     "blind_bore",
     "find_damage",
@@ -31,7 +29,6 @@ __all__ = [
     "find_edges",
     "find_evidence",
     "find_floor",
-    "find_recesses",
     "inner_mm",
     "look_ahead",
     "refuted",

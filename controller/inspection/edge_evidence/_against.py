@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from controller.arrays import BoolArray, IndexArray
-from controller.cad import Solid
+from controller.cad import Recess, Solid
 
 from .._types import Finding, FindingKind
 from ..dimensions import MeasuringSettings
@@ -21,7 +21,6 @@ from ._displaced import MIN_POINTS, course_of, known_points, wave_of
 from ._edges import PartEdges
 from ._faces import GREATER_PART, TWO, MissingEdge, floor_words
 from ._looks import FORM_PX, EdgeLook, State
-from ._recesses import Recess
 
 
 @dataclass(frozen=True, eq=False, slots=True)

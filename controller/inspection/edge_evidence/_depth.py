@@ -12,11 +12,11 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
+from controller.cad import Recess
 
 from ..dimensions import MeasuringSettings
 from ._edges import PartEdges
 from ._looks import FORM_PX, EdgeLook, State
-from ._recesses import Recess
 
 MIN_POINTS: Final = 6  # least number of points on the mouth, and on the floor, for a depth
 # Least share of a floor's visible edge that must lie on the fitted one.

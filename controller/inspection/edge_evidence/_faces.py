@@ -9,12 +9,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray, FloatArray, IndexArray
-from controller.cad import Crease, Solid
+from controller.cad import Crease, Recess, Solid
 
 from ._depth import Floor
 from ._edges import KEPT_PARTS, PartEdges
 from ._looks import EdgeLook, State
-from ._recesses import Recess
 
 TWO: Final = 2  # least number of pictures from which an edge must be missing
 THREE: Final = 3  # the same for an edge shorter than the smallest defect

@@ -14,13 +14,12 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from controller.arrays import BoolArray, FloatArray, Grey
-from controller.cad import Solid
+from controller.cad import Recess, Solid
 from controller.imaging import Camera, PointLamp, inverse_pose, transform
 
 from .._pose import PosedPart
 from ..dimensions import PosedView
 from ._depth import FloorLook
-from ._recesses import Recess
 
 MIN_TILT_COS: Final = 0.9  # least cosine of incidence; below it the wall hides most of the floor
 FINE: Final = 2  # points per pixel in each direction

@@ -15,14 +15,13 @@ import numpy as np
 import trimesh
 
 from controller.arrays import FloatArray
-from controller.cad import Solid
+from controller.cad import Recess, Solid
 
 from .._pose import PosedPart
 from ..dimensions import MeasuringSettings
 from ._depth import FloorLook, floor_look
 from ._edges import PartEdges
 from ._looks import BEYOND_PX, EdgeLook, K
-from ._recesses import Recess
 
 MIN_VIEWS: Final = 2  # least number of views that must agree on a depth
 DEEPEST: Final = 1.0  # largest depth searched below nominal, in nominal depths

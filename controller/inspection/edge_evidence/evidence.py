@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray, FloatArray, IndexArray, inner, lengths
-from controller.cad import Solid, SurfaceSamples
+from controller.cad import Recess, Solid, SurfaceSamples, find_recesses
 from controller.imaging import transform
 
 from .._pose import PosedPart
@@ -27,7 +27,6 @@ from ._faces import FaceEdges, MissingEdge, inner_mm, missing_edges, prove_faces
 from ._floor_light import blind_bore, rise_by_light
 from ._looks import EdgeLook, look_at_edges
 from ._other_looks import refuted
-from ._recesses import Recess, find_recesses
 from ._rival_depths import look_at_other_depths
 
 # Margin beside an edge, which may be broken, in which no surface is compared.

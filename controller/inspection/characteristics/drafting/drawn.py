@@ -93,6 +93,8 @@ def _joins(characteristic: Characteristic, drawn: Dimension) -> bool:
     if isinstance(geometry, EdgePairGeometry) and geometry.one_face == geometry.other_face:
         return False  # the size of an unmeasured feature
     ends = set(characteristic.faces)
+    if isinstance(geometry, EdgePairGeometry) and geometry.is_depth:
+        ends = {geometry.one_face, geometry.other_face}
     if drawn.other_faces:
         return bool(ends & set(drawn.faces)) and bool(ends & set(drawn.other_faces))
     return ends <= set(drawn.faces)

@@ -138,10 +138,7 @@ def _round(feature: Feature, known: "_Known") -> Iterator[_Wanted]:
 
 def _recess(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted]:
     """Yield the uncovered sizes of a slot, a keyway, a pocket or an opening."""
-    name = (
-        f"{feature.kind} {size_text(feature.width_mm).removesuffix(' mm')} x "
-        f"{size_text(feature.length_mm)} F{feature.faces[0]}"
-    )
+    name = recess_name(feature)
     is_ring = feature.kind in ("pocket", "opening")
     is_by_rims = not is_ring and any(solid.faces[i].kind == "cylinder" for i in feature.faces)
     if not feature.across or not known.are_joined(*feature.across[0]):
@@ -171,6 +168,12 @@ def _recess(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted
         yield name, "depth", _KIND.DISTANCE, feature.depth_mm, faces, NO_FLOOR
 
 
+def recess_name(feature: Feature) -> str:
+    """Return the name of a slot, a keyway, a pocket or an opening, with its sizes."""
+    width = size_text(feature.width_mm).removesuffix(" mm")
+    return f"{feature.kind} {width} x {size_text(feature.length_mm)} F{feature.faces[0]}"
+
+
 class _Known:
     """Characteristics of a part by face, and the planes that they join."""
 
@@ -187,6 +190,8 @@ class _Known:
                 self._kinds.setdefault(face, set()).add(row.kind)
             if isinstance(row.geometry, EdgePairGeometry):
                 joined.append((row.geometry.one_face, row.geometry.other_face))
+                if row.is_depth:
+                    self._depths.update(row.faces)
             elif row.kind is _KIND.LENGTH:
                 self._lengths.append(frozenset(row.faces))
             elif row.kind is _KIND.DISTANCE:

@@ -24,6 +24,7 @@ from .._types import (
 from ..edges import RoundWall, round_walls
 from ..edges.rims import COAXIAL_COS
 from ..limits import ToleranceClass, linear_tolerance_mm, radius_tolerance_mm
+from .depths import Depth, depths
 from .holes import (
     RoundFeature,
     diameter_rims,
@@ -34,7 +35,7 @@ from .holes import (
 from .planes import PlanePair, plane_pairs
 from .rounds import Round, RoundSlot, round_slots, rounds
 from .sheet import across, reading_order, size_text
-from .unmeasured import NO_DEPTH, Unmeasured, unmeasured
+from .unmeasured import NO_DEPTH, Unmeasured, recess_name, unmeasured
 
 SAME_SIZE_MM = 0.01
 NOMINAL_DIGITS = 3  # decimals of a nominal value; circles of a mesh are good to microns
@@ -56,15 +57,18 @@ def nominal_characteristics(
     round_ones = round_features(solid, walls)
     chamfered = {i for f in features if f.kind == "chamfer" for i in f.faces}
     inner = inner_faces(solid, round_ones)
-    pairs = plane_pairs(solid, inner | chamfered)
+    deep = depths(solid, walls)
+    floors = frozenset(floor for one in deep for floor in one.floors)
+    pairs = plane_pairs(solid, inner | chamfered | floors)
     writer = _Writer(tolerance_class)
     found = [
         *writer.of_pairs(p for p in pairs if p.kind == CharacteristicKind.LENGTH),
-        *writer.of_round_features(solid, round_ones, inner),
+        *writer.of_round_features(solid, round_ones, inner, deep),
         *writer.of_slots(solid, round_slots(walls, features)),
         *writer.of_pairs(p for p in pairs if p.kind != CharacteristicKind.LENGTH),
         *writer.of_rounds(rounds(walls, features)),
     ]
+    found += writer.of_depths(deep, features, found)
     found += writer.of_unmeasured(unmeasured(solid, features, walls, found))
     return tuple(replace(c, balloon=i) for i, c in enumerate(found, start=1))
 
@@ -87,8 +91,13 @@ class _Writer:
     tolerance_class: ToleranceClass
 
     def of_round_features(
-        self, solid: Solid, features: Iterable[RoundFeature], inner: frozenset[int]
+        self,
+        solid: Solid,
+        features: Iterable[RoundFeature],
+        inner: frozenset[int],
+        deep: Sequence[Depth],
     ) -> list[Characteristic]:
+        depth_of = {wall: one for one in deep for wall in one.walls}
         ordered = sorted(features, key=lambda f: (f.is_hole, reading_order(f.axis, f.centre_mm)))
         ordered = sorted(ordered, key=lambda f: reading_order(f.axis, f.centre_mm)[0])
         names = numbered([feature.name for feature in ordered])
@@ -100,7 +109,8 @@ class _Writer:
                 step = "" if wall is feature.walls[0] else f" step {size_text(2 * wall.radius_mm)}"
                 found += self._of_wall(outline, wall, f"{name}{step}", datum)
                 if wall.is_hole and ends_inside(solid, wall, inner):
-                    found.append(self._depth(wall, f"{name}{step} depth"))
+                    depth = depth_of.get(wall.faces[0])
+                    found.append(self._depth(wall, f"{name}{step} depth", depth))
         return found
 
     def of_slots(self, solid: Solid, slots: Iterable[RoundSlot]) -> list[Characteristic]:
@@ -148,6 +158,24 @@ class _Writer:
             for each, name in zip(ordered, names, strict=True)
         ]
 
+    def of_depths(
+        self, deep: Sequence[Depth], features: Sequence[Feature], known: Sequence[Characteristic]
+    ) -> list[Characteristic]:
+        """Return the depths of slots and pockets; those of holes are known."""
+        geometries = {id(c.geometry) for c in known}
+        rest = [one for one in deep if id(one.geometry) not in geometries]
+        names = numbered([f"{_recess_name(one, features)} depth" for one in rest])
+        return [
+            self._sized(
+                CharacteristicKind.DISTANCE,
+                name,
+                one.depth_mm,
+                one.geometry,
+                (one.geometry.one_face, one.geometry.other_face),
+            )
+            for one, name in zip(rest, names, strict=True)
+        ]
+
     def of_unmeasured(self, sizes: Iterable[Unmeasured]) -> list[Characteristic]:
         return [
             _left_out(self._sized(u.kind, u.name, u.size_mm, u.geometry, u.faces), u.reason)
@@ -176,10 +204,14 @@ class _Writer:
         geometry = RimGeometry(rims, diameter_rims(datum.walls[0]) if datum is not None else ())
         return [*found, self._placed(name, reach, whence, geometry, wall.faces)]
 
-    def _depth(self, wall: RoundWall, name: str) -> Characteristic:
+    def _depth(self, wall: RoundWall, name: str, depth: Depth | None) -> Characteristic:
+        """Return the depth of a hole; unmeasured where its mouth is not plane."""
+        kind = CharacteristicKind.DISTANCE
+        if depth is not None:
+            faces = (*wall.faces, *sorted(depth.floors))
+            return self._sized(kind, name, depth.depth_mm, depth.geometry, faces)
         geometry = RimGeometry(diameter_rims(wall))
-        sized = self._sized(CharacteristicKind.DISTANCE, name, wall.height_mm, geometry, wall.faces)
-        return _left_out(sized, NO_DEPTH)
+        return _left_out(self._sized(kind, name, wall.height_mm, geometry, wall.faces), NO_DEPTH)
 
     def _placed(
         self,
@@ -248,6 +280,12 @@ class _Writer:
             faces=faces,
             length_mm=length_mm,
         )
+
+
+def _recess_name(depth: Depth, features: Sequence[Feature]) -> str:
+    own = (f for f in features if f.across and depth.walls & set(f.faces))
+    feature = next(own, None)
+    return f"recess F{depth.geometry.one_face}" if feature is None else recess_name(feature)
 
 
 def _left_out(one: Characteristic, reason: str) -> Characteristic:

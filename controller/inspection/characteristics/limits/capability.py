@@ -6,15 +6,17 @@ uncertainty of a measurement comes with its result.
 """
 
 from dataclasses import dataclass
-from math import hypot, sin
+from math import atan, hypot, radians, sin
 from typing import Final
 
 import numpy as np
 
-from .._types import Characteristic, CharacteristicKind, RimGeometry
+from .._types import Characteristic, CharacteristicKind, EdgePairGeometry, RimGeometry
 from .decision import COVERAGE_FACTOR
 
 MAX_SHARE: Final = 0.30  # largest share of the tolerance for 2 U: the limit of VDA 5 (S17)
+# Angle to the axis of a recess, the middle of the 10 to 30 degrees at which views show its floor.
+DEPTH_VIEW_RAD: Final = radians(20.0)
 EXPANSION_PER_K: Final = 23e-6  # aluminium, which expands most of the metals in the cell
 
 
@@ -112,7 +114,7 @@ def capability_of(
     station, accuracy : station and accuracy of the cell
     """
     length = characteristic.length_mm or characteristic.nominal_mm
-    U = promised_mm(length, station, accuracy) * _arc_factor(characteristic)
+    U = promised_mm(length, station, accuracy) * _factor(characteristic)
     tolerance = zone_mm(characteristic)
     smallest = 2 * U / MAX_SHARE
     return Capability(U, 2 * U / tolerance if tolerance > 0 else np.inf, smallest)
@@ -125,14 +127,27 @@ def zone_mm(characteristic: Characteristic) -> float:
     return characteristic.tolerance_mm
 
 
-def _arc_factor(characteristic: Characteristic) -> float:
-    """Return the ratio of a radius's uncertainty to that of its arc's edges.
+def _factor(characteristic: Characteristic) -> float:
+    """Return the ratio of a value's uncertainty to that of its edges.
 
     An error d of an edge changes the height of an arc by d, and the radius by d / (1 - cos(half the
-    sweep)). From a half circle on, it changes the radius by d itself.
+    sweep)). From a half circle on, it changes the radius by d itself. At an angle a to its axis the
+    same error changes the depth of a recess by d / sin(a).
     """
     geometry = characteristic.geometry
+    if isinstance(geometry, EdgePairGeometry) and geometry.is_depth:
+        # At a larger angle its near wall hides more than half of a deep floor.
+        half_open = atan(_half_width_mm(geometry) / max(characteristic.nominal_mm, 1e-9))
+        return 1.0 / sin(min(DEPTH_VIEW_RAD, half_open))
     if characteristic.kind != CharacteristicKind.RADIUS or not isinstance(geometry, RimGeometry):
         return 1.0
     sweep = min(max((rim.sweep_rad for rim in geometry.rims), default=np.pi), np.pi)
     return float(1.0 / (2 * sin(sweep / 4) ** 2))
+
+
+def _half_width_mm(geometry: EdgePairGeometry) -> float:
+    """Return the least distance of a mouth's edges from its middle, across its axis."""
+    middles = [0.5 * (line.start_mm + line.end_mm) for line in geometry.other]
+    off = [p - geometry.middle_mm for p in middles]
+    across = [float(np.linalg.norm(d - (d @ geometry.direction) * geometry.direction)) for d in off]
+    return min([*across, *(rim.radius_mm for rim in geometry.other_rims)])

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.cad import Boundary, Crease, Solid
+
+from ..boundary import Boundary, Crease
+from ..solid import Solid
 
 
 @dataclass(frozen=True, eq=False, slots=True)
