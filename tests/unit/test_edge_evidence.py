@@ -10,10 +10,10 @@ import pytest
 from cad_solids import Body, box, rod, solid_of
 from edge_views import edge_views
 from manifold3d import CrossSection, Manifold
-from shown_part import face_id, part, perfect
+from shown_part import Array, face_id, hand, part, perfect
 
 from controller.cad import find_recesses, sample_surface
-from controller.inspection import FindingKind, InspectionLimits, PosedPart
+from controller.inspection import FindingKind, InspectionLimits, PosedPart, WorldBox
 from controller.inspection.dimensions import MeasuringSettings
 from controller.inspection.edge_evidence import (
     EdgeEvidence,
@@ -115,6 +115,48 @@ def test_a_large_face_is_not_shown_by_its_edges() -> None:
 def test_a_bore_that_is_no_through_bore_is_not_shown(plug: Body) -> None:
     found = evidence(part(), perfect() + plug, LOOKS)
     assert not found.faces[bore_wall()].is_verified
+
+
+def half_covered(T_world_part: Array) -> tuple[WorldBox, ...]:
+    """A finger over half of the bore's front, x from -11 to -3."""
+    at = np.eye(4)
+    at[:3, 3] = -7.0, 32.0, 17.0
+    return (WorldBox(T_world_part @ at, np.array((4.0, 34.0, 3.0))),)
+
+
+def of_half_covered(body: Body) -> FaceEdges:
+    """A bore half of which a finger hides from all views along it; others show both its rims."""
+    views = [
+        *edge_views(body, ((-4.0, 3.0), (5.0, -3.0)), half_covered, "A"),
+        *edge_views(body, ((28.0, 8.0), (-28.0, 8.0), (152.0, 8.0), (208.0, 8.0)), hand, "B"),
+    ]
+    samples = sample_surface(part().solid)
+    found = find_evidence(part(), samples, views, LIMITS, Allowances(), MeasuringSettings())
+    return found.faces[bore_wall()]
+
+
+def test_a_bore_half_behind_the_gripper_is_shown_by_the_light_beside_it_and_both_rims() -> None:
+    wall = of_half_covered(perfect())
+    assert wall.is_verified
+    assert "the part of it in sight" in wall.how
+    assert wall.share > 0.8
+
+
+@pytest.mark.parametrize(
+    "plug",
+    [
+        rod(5, 24, 48).translate((-11, 3, 0)),  # missing
+        rod(5, 12, 48).translate((-11, 3, -6)),  # half deep, from the front
+        rod(5, 12, 48).translate((-11, 3, 6)),  # half deep, from the back
+        rod(5, 1, 48).translate((-11, 3, 0)),  # a web is left in it
+        rod(5, 1, 48).translate((-11, 3, 0)) - rod(2, 3, 48).translate((-11, 3, 0)),  # with a hole
+        rod(5, 1, 48).translate((-11, 3, 0)) ^ box(5, 20, 30).translate((-13.5, 3, 0)),  # in sight
+        rod(5, 1, 48).translate((-11, 3, 0)) ^ box(8, 20, 30).translate((-10, 3, 0)),  # part of it
+    ],
+    ids=["missing", "front half", "back half", "web", "holed web", "half web", "web from behind"],
+)
+def test_a_bore_half_behind_the_gripper_that_is_no_through_bore_is_not_shown(plug: Body) -> None:
+    assert not of_half_covered(perfect() + plug).is_verified
 
 
 def test_a_bore_out_of_place_is_not_shown() -> None:

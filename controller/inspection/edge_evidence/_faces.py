@@ -18,6 +18,11 @@ from ._looks import EdgeLook, State
 TWO: Final = 2  # least number of pictures from which an edge must be missing
 THREE: Final = 3  # the same for an edge shorter than the smallest defect
 GREATER_PART: Final = 0.5  # least share of a face's edges that must be in place
+# Where a gripper hides the rest of a bore: least share of its rims at which light must end, and
+# least share of these, and of each whole rim, in place. A web, or a bore not drilled through, takes
+# all the light; one blocked in part moves its border off the rim.
+OPEN_PART: Final = 0.25
+ALL_ROUND: Final = 0.8
 CHANCE: Final = 0.1  # largest share of an edge in place by texture alone
 BESIDE: Final = 1.5  # distance, in spacings, below which points of two mouths overlap
 NO_DEPTH: Final = "no picture shows how deep its floor lies"
@@ -120,9 +125,10 @@ def prove_faces(
     """Return the evidence on faces from their edges, by face id.
 
     The wall of a through hole is verified by the light through it, since both rims may be in place
-    with a web between them. The wall of a blind hole is verified by its rim, once the floor is
-    shown to be deeper than half. Any other narrow face is verified by its edges, in pictures in
-    which the smallest defect would have moved them.
+    with a web between them. Where a gripper hides a part of the light in all views, both rims have
+    to be in place all round, each place in any picture. The wall of a blind hole is verified by its
+    rim, once the floor is shown to be deeper than half. Any other narrow face is verified by its
+    edges, in pictures in which the smallest defect would have moved them.
 
     Parameters
     ----------
@@ -151,6 +157,9 @@ def prove_faces(
             share = min(light) if recess is not None else max(light)
             how = "of its rims, by the light through it," if share > GREATER_PART else ""
             why = f"light through it is shown at {100 * share:.0f} % of its rims"
+            round_ = _beside_light(edges, looks, mouths, held, face) if recess is not None else 0.0
+            if not how and round_ >= ALL_ROUND:
+                share, how = round_, "of its rims, by the light through the part of it in sight,"
         elif recess is not None and not recess.is_through:
             share, how, why = _blind(edges, looks, face, floors[recess.walls])
         elif narrow[face] and (not solid.faces[face].concave or solid.faces[face].kind == "cone"):
@@ -280,6 +289,47 @@ def _by_light(
     flat = edges.points_mm - (edges.points_mm @ axis)[:, None] * axis
     near, _ = cKDTree(flat[there]).query(flat[mouth])
     return _share(edges, mouth, shown[mouth] | (near <= BESIDE * edges.length_mm[mouth]))
+
+
+def _beside_light(
+    edges: PartEdges,
+    looks: Sequence[EdgeLook],
+    mouths: Sequence[IndexArray],
+    held: BoolArray,
+    face: int,
+) -> float:
+    """Return the share of the rims in place of a bore of which a part lets the light through.
+
+    Parameters
+    ----------
+    edges, looks : edges of the part, and looks at them
+    mouths : points of each of its two rims
+    held : (n,) True where any picture shows the edge in place
+    face : id of the wall
+
+    Returns
+    -------
+    share : that of the worse rim; 0 where too little light is in sight, or it ends off the rims
+    """
+    is_wall = edges.faces == face
+    rims = np.concatenate(mouths)
+    through = [(look.light_through & is_wall).any(axis=1) for look in looks]
+    must = np.any(
+        [one & (look.state != State.HIDDEN) for one, look in zip(through, looks, strict=True)],
+        axis=0,
+    )
+    ends = confirmed(
+        looks,
+        np.stack([
+            one & (look.state == State.IN_PLACE) for one, look in zip(through, looks, strict=True)
+        ]),
+    )  # fmt: skip
+    if _share(edges, rims, must[rims]) < OPEN_PART:
+        return 0.0
+    in_sight = rims[must[rims]]
+    if _share(edges, in_sight, ends[in_sight]) < ALL_ROUND:
+        return 0.0
+    return min(_share(edges, mouth, held[mouth]) for mouth in mouths)
 
 
 def _blind(
