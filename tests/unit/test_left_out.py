@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
+import numpy as np
 import pytest
 from cad_solids import Body, box, rod, solid_of
 from manifold3d import CrossSection
@@ -60,20 +61,25 @@ def judged(
     feature: str,
     off_mm: float,
     looks: tuple[tuple[float, float], ...] = LOOKS,
+    *,
+    is_counted: bool = True,
 ) -> PartInspection:
     """Return what a part comes to whose feature is off, its faces all left out by name."""
     part = PosedPart(solid_of(made(), "nominal"))
+    samples = sample_surface(part.solid)
+    nowhere = None if is_counted else np.zeros(len(samples.points_mm), dtype=np.bool_)
     body = made(**{feature: off_mm}) if off_mm else made()
     views = []
     for number, (turn, tilt) in enumerate(looks):
         T = shown(turn, tilt)
-        views.append(HeldView(task(T, hand(T), f"v{number}"), photograph(body, T, hand(T))))
+        pictures = photograph(body, T, hand(T))
+        views.append(HeldView(task(T, hand(T), f"v{number}"), pictures, counted=nowhere))
     settings = PartSettings(
         InspectionLimits(),
         min_coverage=0.01,
         not_inspected=dict.fromkeys(range(len(part.solid.faces)), "gauged by hand"),
     )
-    return inspect_part(ViewSet(part, sample_surface(part.solid), tuple(views)), (), settings)
+    return inspect_part(ViewSet(part, samples, tuple(views)), (), settings)
 
 
 def test_a_pocket_too_shallow_does_not_pass_and_the_verdict_says_by_how_much() -> None:
@@ -96,6 +102,11 @@ def test_a_floor_farther_off_than_the_search_goes_is_looked_for_there() -> None:
     got = judged(slotted, "depth", -2.2, STEEP)
     assert got.verdict is Verdict.FAIL
     assert "the floor shows about 2.2 mm higher" in got.reasons[0]
+
+
+def test_a_view_that_does_not_count_there_shows_no_floor_at_another_depth() -> None:
+    got = judged(slotted, "depth", -2.2, STEEP, is_counted=False)
+    assert [one for one in got.findings if one.kind == "dimension"] == []
 
 
 @pytest.mark.slow

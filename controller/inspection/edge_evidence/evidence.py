@@ -1,6 +1,6 @@
 """Evidence on a part's faces from its edges in all pictures that show them (ADR 34)."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -101,22 +101,16 @@ def find_evidence(
     if edges is None:
         return EdgeEvidence(None, (), {}, {}, np.zeros(len(samples.points_mm), dtype=bool))
     pixel_mm = _pixel_mm(views)
+    counted = _Counted(samples, edges, views)
     looks: list[EdgeLook] = []
-    nearest: IndexArray | None = None
     for one in views:
         found = _kept_looks(part, edges, one, allowances, settings, kept)
-        if one.counted is not None:
-            # Points beside samples for which the view does not count are hidden.
-            if nearest is None:
-                found_at = cKDTree(samples.points_mm).query(edges.points_mm)[1]
-                nearest = np.asarray(found_at, np.intp)
-            found = [look.only(one.counted[nearest]) for look in found]
-        looks += found
+        looks += counted.only(found, one, edges)
     around_mm = EDGE_PLAY_MM + BLUR_PX * pixel_mm
     cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
     narrow = inner_mm(part.solid) < 0.5 * limits.smallest_defect_mm + around_mm / cosine
     recesses = find_recesses(part.solid)
-    floors = _floors(part, recesses, edges, looks, views, allowances, settings)
+    floors = _floors(part, recesses, edges, looks, views, counted, allowances, settings)
     faces = prove_faces(
         part.solid, recesses, edges, looks, narrow, floors, limits.smallest_defect_mm
     )
@@ -147,6 +141,38 @@ def find_evidence(
         compared_beside(samples, edges, looks, faces, limits.smallest_defect_mm),
         missing,
     )
+
+
+class _Counted:
+    """Edges beside surface samples for which a view counts; elsewhere it shows nothing."""
+
+    def __init__(
+        self, samples: SurfaceSamples, edges: PartEdges, views: Sequence[EdgeView]
+    ) -> None:
+        self._edge = edges.edge
+        self._nearest: IndexArray | None = None
+        if any(one.counted is not None for one in views):
+            found_at = cKDTree(samples.points_mm).query(edges.points_mm)[1]
+            self._nearest = np.asarray(found_at, np.intp)
+
+    def _mask(self, view: EdgeView, chosen: Iterable[int]) -> BoolArray | None:
+        """Return a mask of the points of some edges; None where all count."""
+        if view.counted is None or self._nearest is None:
+            return None
+        mine = np.isin(self._edge, list(chosen))
+        return np.asarray(view.counted[self._nearest[mine]])
+
+    def only(
+        self, looks: Iterable[EdgeLook], view: EdgeView, edges: PartEdges
+    ) -> Sequence[EdgeLook]:
+        """Return a view's looks at edges, also at moved ones, where the view counts."""
+        mask = self._mask(view, np.unique(edges.edge).tolist())
+        return list(looks) if mask is None else [look.only(mask) for look in looks]
+
+    def counts_for(self, view: EdgeView, chosen: Iterable[int]) -> bool:
+        """Return True if a view counts for all points of some edges."""
+        mask = self._mask(view, chosen)
+        return mask is None or bool(mask.all())
 
 
 def look_ahead(
@@ -206,6 +232,7 @@ def _floors(
     edges: PartEdges,
     looks: Sequence[EdgeLook],
     views: Sequence[EdgeView],
+    counted: "_Counted",
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> dict[frozenset[int], Floor]:
@@ -217,6 +244,7 @@ def _floors(
     recesses, edges : recesses and edges of the part
     looks : looks at the edges
     views : views with the pictures that count
+    counted : places for which each of them counts
     allowances, settings : see `find_evidence`
     """
     pixel_mm = _pixel_mm(views)
@@ -224,7 +252,8 @@ def _floors(
 
     def look_at(rival: PosedPart, moved: PartEdges) -> Iterator[EdgeLook]:
         for one in views:
-            yield from look_at_edges(rival, moved, one.view, one.lamps, allowed, settings)
+            found = look_at_edges(rival, moved, one.view, one.lamps, allowed, settings)
+            yield from counted.only(found, one, moved)
 
     found: dict[frozenset[int], Floor] = {}
     for recess in recesses:
@@ -235,7 +264,7 @@ def _floors(
             rise_by_light(part, bore, one.view, lamp)
             for one in views
             for lamp in one.lamps
-            if lamp != BACKLIT and bore is not None
+            if lamp != BACKLIT and bore is not None and counted.counts_for(one, recess.floor)
         )
         by_light = [rise for rise in rises if rise is not None]
         floor = find_floor(edges, looks, recess, settings, by_light)
