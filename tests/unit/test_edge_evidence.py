@@ -81,6 +81,14 @@ def test_a_boss_and_a_block_are_no_recess() -> None:
     assert find_recesses(solid_of(box(46, 34, 24) + rod(6, 8, 48).translate((0, 0, 14)))) == ()
 
 
+def test_a_keyway_in_a_shaft_is_a_recess_and_its_shoulders_are_none() -> None:
+    shaft = rod(12, 60, 96) + rod(8, 90, 96)
+    assert find_recesses(solid_of(shaft)) == ()
+    (keyway,) = find_recesses(solid_of(shaft - box(8, 6, 24).translate((12, 0, 0))))
+    assert (len(keyway.walls), keyway.is_through) == (4, False)
+    assert keyway.axis == pytest.approx([1, 0, 0], abs=1e-6)
+
+
 def test_the_largest_disc_on_a_face() -> None:
     inner = inner_mm(solid_of(box(30, 20, 4)))
     # half the shorter side, which random points reach to some per cent

@@ -1,6 +1,7 @@
 """Holes, slots and pockets as mouths, walls and floors, without sizes or kinds."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -8,6 +9,8 @@ from controller.arrays import FloatArray
 
 from ..boundary import Boundary, Crease
 from ..solid import Solid
+
+LEVEL_MM: Final = 0.01  # depth of a shoulder's face, which leads nowhere, by rounding
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -63,7 +66,7 @@ def find_recesses(solid: Solid) -> tuple[Recess, ...]:
                 found.append(_recess(solid, walls, (edges, others[0][0]), frozenset()))
         elif rest and all(b.crease[edge] == Crease.CONCAVE for edge in rest):
             found.append(_recess(solid, walls, (edges,), frozenset(rest)))
-    return tuple(recess for recess in found if recess.depth_mm > 0)
+    return tuple(recess for recess in found if recess.depth_mm > LEVEL_MM)
 
 
 def _walls(solid: Solid, b: Boundary, loop: int) -> frozenset[int]:
@@ -75,6 +78,10 @@ def _walls(solid: Solid, b: Boundary, loop: int) -> frozenset[int]:
     own = int(b.loop_face[loop])
     if own in walls:
         return frozenset()
+    # A keyway in a shaft opens to the outside of a cylinder.
+    is_outside = solid.faces[own].kind == "cylinder" and not solid.faces[own].concave
+    if b.is_hole[loop] and is_outside:
+        return walls
     if solid.faces[own].kind == "plane":
         return walls if b.is_hole[loop] else frozenset()
     is_bore = all(solid.faces[w].kind == "cylinder" and solid.faces[w].concave for w in walls)

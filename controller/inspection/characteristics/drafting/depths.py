@@ -17,6 +17,7 @@ from controller.cad import Curve, Recess, Solid, find_recesses
 from .._types import EdgeLine, EdgePairGeometry, Rim
 from ..edges import RoundWall
 from ..edges.lines import MIN_LENGTH_MM
+from ..edges.rims import COAXIAL_COS
 from .holes import MIN_DEPTH_MM
 from .planes import SAME_LEVEL_MM
 
@@ -47,7 +48,7 @@ def depths(solid: Solid, walls: Sequence[RoundWall]) -> list[Depth]:
 
 
 def _depth(solid: Solid, recess: Recess, walls: Sequence[RoundWall]) -> Depth | None:
-    """Return the depth of a recess; None if mouth or floor is not plane, or shows no edge."""
+    """Return the depth of a recess; None if its floor is not plane, or no wall has equal edges."""
     if recess.is_through or recess.depth_mm < MIN_DEPTH_MM:
         return None
     b = solid.boundary
@@ -56,9 +57,10 @@ def _depth(solid: Solid, recess: Recess, walls: Sequence[RoundWall]) -> Depth | 
         np.concatenate([vertices[b.chain_of(edge)] for edge in sorted(edges)]) @ recess.axis
         for edges in (recess.mouths[0], recess.floor)
     )
-    if max(float(np.ptp(mouth)), float(np.ptp(floor))) > SAME_LEVEL_MM:
+    if float(np.ptp(floor)) > SAME_LEVEL_MM:
         return None
-    depth_mm = float(mouth.mean() - floor.mean())
+    # Drawings give the depth of a keyway in a shaft from the shaft's crest.
+    depth_mm = float(mouth.max() - floor.mean())
     below = _beyond(solid, recess.floor, recess.walls)
     around = _beyond(solid, recess.mouths[0], recess.walls)
     lines = [
@@ -74,11 +76,13 @@ def _depth(solid: Solid, recess: Recess, walls: Sequence[RoundWall]) -> Depth | 
         if rim.course is None
         and rim.sweep_rad >= MIN_SWEEP_RAD
         and rim.wall in below
-        and abs(float(rim.centre_mm @ recess.axis) - float(mouth.mean())) < SAME_LEVEL_MM
+        and float(rim.axis @ recess.axis) > COAXIAL_COS
     ]
-    if not (lines or rims):
+    levels = np.array([*(x.start_mm for x in lines), *(x.end_mm for x in lines),
+                       *(x.centre_mm for x in rims)]).reshape(-1, 3) @ recess.axis  # fmt: skip
+    if len(levels) == 0 or float(np.ptp(levels)) > SAME_LEVEL_MM:
         return None
-    down = -depth_mm * recess.axis
+    down = -float(levels.mean() - floor.mean()) * recess.axis
     at_mouth = np.mean([*(0.5 * (x.start_mm + x.end_mm) for x in lines),
                         *(x.centre_mm for x in rims)], axis=0)  # fmt: skip
     return Depth(

@@ -162,7 +162,7 @@ def _recess(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted
     if not is_placed:
         why = NO_ENDS if is_by_rims else NO_PLACE
         yield name, "position", _KIND.POSITION, 0.0, feature.faces, why
-    is_deep = bool(feature.ends) or not feature.is_through
+    is_deep = (bool(feature.ends) or not feature.is_through) and not known.has_depth(feature.faces)
     if is_deep and not known.is_placed(feature.ends, feature.faces):
         faces = feature.ends or feature.faces
         yield name, "depth", _KIND.DISTANCE, feature.depth_mm, faces, NO_FLOOR
