@@ -36,6 +36,7 @@ NOISY = 100  # rays a pixel where fewer leave grain, as at the border of a shado
 MIN_SPREAD = 0.2  # of a pixel's rays over their mean: less leaves no grain
 MORE_SPREAD = 1.5  # than most pixels have, where the lamp is seen in part
 COARSE, COARSE_DARK = (6, 12), (1, 16)  # for golden views
+FAR = 2  # far from the part
 BRIGHTEST = 8.0  # of one ray: rare ones brighter still would be white dots
 EVEN_PX = 3.0
 CREASE_RAD = np.radians(32.0)  # flatter than this, facets are of one round surface
@@ -117,6 +118,7 @@ def trace_view(
     seed: int,
     *,
     is_coarse: bool = False,
+    near_px: int | None = None,
 ) -> Seen:
     """Return the radiance under each lamp, panel = 1 where it glows.
 
@@ -128,6 +130,8 @@ def trace_view(
     lamps : which to light, one at a time
     seed : of the rays
     is_coarse : with fewer of them
+    near_px : what is farther from the part gets two rays a pixel, and no light from other
+        surfaces; None: all is traced alike
     """
     mi = tracer()
     rng = np.random.default_rng(seed)
@@ -136,6 +140,11 @@ def trace_view(
     plain = mi.load_dict({"type": "scene"} | {f"t{i}": s for i, s in enumerate(shapes)})
     label, normal, depth, points = _first_hits(plain, shapes, eye, _boxes(sight, things))
     edges = _edges(label, normal, depth)
+    far = np.zeros(label.shape, bool)
+    if near_px is not None:
+        reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * near_px + 1, 2 * near_px + 1))
+        near = cv2.dilate((label == 0).astype(np.uint8), reach) > 0
+        far, edges = ((label >= 0) | edges) & ~near, edges & near
     seen = Seen(label=label)
     stain = things[0].stain
     factor = None
@@ -151,9 +160,13 @@ def trace_view(
         dark = lamp == "backlight"
         behind = _behind(scene, eye, station, rng, glows=dark)
         picture = behind.copy()
-        inside = np.flatnonzero((~edges & (label >= 0)).ravel())
-        at_edge = np.flatnonzero(edges.ravel())
+        body = ~edges & ~far & (label >= 0)
+        inside, at_edge = np.flatnonzero(body.ravel()), np.flatnonzero(edges.ravel())
+        beyond = np.flatnonzero(far.ravel())
         flat = picture.ravel()
+        if len(beyond):
+            light, _, cover, _ = _trace(scene, eye, beyond, FAR, rng, depth=DIRECT)
+            flat[beyond] = light + (1 - cover) * behind.ravel()[beyond]
         grainy = np.zeros(label.shape, bool)
         if is_coarse:
             rays = COARSE_DARK if dark else COARSE
@@ -171,7 +184,7 @@ def trace_view(
                 depth = DIRECT if is_parted else MAX_BOUNCES
                 direct[again] = _trace(scene, eye, pixels[again], NOISY, rng, depth=depth)[0]
             if is_parted:
-                bounced = _evened(bounced, inside, ~edges & (label >= 0))
+                bounced = _evened(bounced, inside, body)
             light = direct + bounced
             if factor is not None:
                 light *= factor.ravel()[pixels]

@@ -13,18 +13,19 @@ of the kinds that surfaces show. `bench_learned.py` learns from the first and ju
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from trace_held import (
+    Array,
     Body,
     Folder,
     Specimen,
@@ -81,7 +82,7 @@ class Piece(Specimen):
         look, self.material = draw_look(words, plain=False)
         roll = tuple(int(v) for v in rng.integers(0, look.albedo.shape[0], 2))
         material = {k: v * rng.uniform(1 - PLAY, 1 + PLAY) for k, v in look.material.items()}
-        self.look = dataclasses.replace(
+        self.look = replace(
             look,
             material=material,
             albedo=np.roll(look.albedo, roll, (0, 1)),
@@ -90,15 +91,23 @@ class Piece(Specimen):
         self.dust = draw_dust(self.body, rng)
         self.commanded = series.views
         middle = self.body.bounding_box.centroid
-        slips = [disturbed(np.eye(4), middle, SLIP_MM, SLIP_DEG, rng) for _ in self.grasps]
-        self.arm = []
+        self.slips = self.slipped(middle, rng)
+        self.errors = []
         views = []
         for view in series.views:
             pivot = view.T[:3, :3] @ middle + view.T[:3, 3]
-            arm = disturbed(np.eye(4), pivot, ARM_MM, ARM_DEG, rng)
-            self.arm.append(arm @ view.T)
-            views.append(View(view.grasp, arm @ view.T @ slips[view.grasp]))
+            error = self.erred(view, pivot, rng)
+            self.errors.append(error)
+            views.append(replace(view, T=error @ view.T @ self.slips[view.grasp]))
         self.views = views
+
+    def erred(self, view: View, pivot: Array, rng: np.random.Generator) -> Array:
+        """Return by how much the arm is off in a view, in the station."""
+        return disturbed(np.eye(4), pivot, ARM_MM, ARM_DEG, rng)
+
+    def slipped(self, middle: Array, rng: np.random.Generator) -> list[Array]:
+        """Return how the part lies in the fingers, grasp by grasp, part's frame."""
+        return [disturbed(np.eye(4), middle, SLIP_MM, SLIP_DEG, rng) for _ in self.grasps]
 
     def exposed(self, seen: Sequence[Seen]) -> dict[str, float]:
         """Return the first piece's gains, which all pieces have; this one's if it is the first."""
@@ -110,7 +119,7 @@ class Piece(Specimen):
         part, *rest = super().things(view, body)
         count = len(self.grasps[view.grasp].boxes)
         boxes = [
-            dataclasses.replace(thing, T=self.arm[number] @ box.T)
+            replace(thing, T=self.errors[number] @ self.commanded[number].T @ box.T)
             for thing, box in zip(rest[:count], self.grasps[view.grasp].boxes, strict=True)
         ]
         return [part, *boxes, *rest[count:]]
@@ -126,10 +135,25 @@ class Piece(Specimen):
 class Series(Folder):
     """A folder of one series."""
 
+    first_kind = 0  # of `KINDS`, which the first defective piece has
+
     def __init__(self, path: Path, seed: int, good: int) -> None:
         super().__init__(path, seed)
         self.good = good
-        self.base = Specimen(seed, "good", "as_built")
+        self.base = self.begun()
+
+    def begun(self) -> Specimen:
+        """Return what all pieces share."""
+        return Specimen(self.seed, "good", "as_built")
+
+    def made(self, number: int, cls: str, kind: str, gains: dict[str, float] | None) -> Piece:
+        """Return one piece."""
+        return Piece(self.base, number, cls, kind, gains)
+
+    def fill(self, count: int, until: str | None) -> None:
+        """Make pieces up to a number of them, none begun later than HH:MM."""
+        while self.next_number() < count and not is_late(until):
+            self.add(self.next_number())
 
     def add(self, number: int) -> None:
         """Make one piece."""
@@ -157,11 +181,11 @@ class Series(Folder):
         """Return a piece; a defect that finds no place on the part is replaced by the next kind."""
         gains = self.truth.get("gains")
         if number < self.good:
-            return Piece(self.base, number, "good", "as_built", gains)
+            return self.made(number, "good", "as_built", gains)
         for turn in range(len(KINDS)):
-            kind = KINDS[(number - self.good + turn) % len(KINDS)]
+            kind = KINDS[(self.first_kind + number - self.good + turn) % len(KINDS)]
             with suppress(NoPlaceError):
-                return Piece(self.base, number, "defect", kind, gains)
+                return self.made(number, "defect", kind, gains)
         raise NoPlaceError(f"no defect finds a place on {self.base.part.name}")
 
 
@@ -183,8 +207,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for one in series:
             print(f"{one.path.name}: {one.base.part.name}, {len(one.base.views)} views, "
                   f"{100 * one.base.coverage:.0f} % in sight", flush=True)  # fmt: skip
-            while one.next_number() < args.good + args.defects and not is_late(args.until):
-                one.add(one.next_number())
+            one.fill(args.good + args.defects, args.until)
     except (NoTracerError, NoHoldError, NoPlaceError, CadError, OSError, ValueError) as error:
         print(f"trace_series: {error}", file=sys.stderr)
         return 2
