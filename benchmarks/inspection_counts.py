@@ -119,6 +119,8 @@ def _called(line: Words) -> str:
     if line["event"] == "characteristic":
         value = line.get("measured_mm")
         return f"{line['id']} = {value:.3f}" if value is not None else str(line["id"])
+    if line["event"] == "face":
+        return f"face {line['face']}"
     return f"{line['kind']} {line['view']} {line['lamp']} {line['size_mm']:.1f} mm"
 
 

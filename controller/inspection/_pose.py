@@ -6,7 +6,7 @@ picture that appears at one of these poses and not at another says nothing about
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -104,6 +104,11 @@ class PoseFit:
     gap_px: FloatArray
     step_mm: float
     covariance: FloatArray
+
+    @property
+    def is_hidden(self) -> bool:
+        """True if no outline shows: other views of the grasp, and the arm, tell the pose."""
+        return len(self.edge_px) < MIN_POINTS
 
 
 def poses_as_good(
@@ -211,6 +216,8 @@ def _fit(
     outline: OutlineMeasure,
 ) -> PoseFit | None:
     """Return a tried pose refined by a few more fit steps; None where no outline is found."""
+    if fit.is_hidden:
+        return _placed(part, task, T_tried, fit)
     if len(outline.points) < MIN_POINTS:
         return None
     mm, rad = AS_PLACED
@@ -220,6 +227,14 @@ def _fit(
     if found is None:
         return None
     return _compared(part, task, found.T_world_part, outline, fit.covariance)
+
+
+def _placed(part: PosedPart, task: ViewTask, T: FloatArray, fit: PoseFit) -> PoseFit | None:
+    """Return a pose of a view without an outline, None outside the picture."""
+    roi = view_roi(part.solid.mesh.vertices, T, task.camera)
+    if roi is None:
+        return None
+    return replace(fit, T_world_part=T, maps=render_maps(part.caster, T, task.camera, roi))
 
 
 def _compared(
@@ -257,6 +272,8 @@ def _compared(
 
 
 def _off_share(fit: PoseFit) -> float:
+    if fit.is_hidden:
+        return 0.0
     off = np.isnan(fit.gap_px) | (np.abs(fit.gap_px) > OFF_PX)
     return float(off.mean())
 

@@ -23,9 +23,14 @@ from ._connected import grow
 from ._pose import PosedPart
 from ._types import ViewTask, WorldBox
 
-# Margin round the gripper, whose shape and place are known to about a millimetre.
-HOLDER_MARGIN_PX: Final = 9
+# Standard deviations of the place of the gripper, and of a finger on it, since jaws open wider or
+# less. Two of both together are 1.3 mm.
+GRIPPER_MM: Final = 0.46
+FINGER_MM: Final = 0.46
+SPREADS: Final = 2.0  # standard deviations that the margin round the gripper covers
+BORDER_PX: Final = 2.0  # blur of its edge, and the raster of its mask
 MASK_STEP_PX: Final = 2
+BOX_TRIANGLES: Final = 12  # of a box's mesh, in the order of the boxes
 # A gripper farther behind the part's surface than this is not in front of it.
 BEHIND_MM: Final = 2.0
 MAX_INCIDENCE_COS: Final = float(np.cos(np.radians(75.0)))
@@ -37,11 +42,24 @@ SHADOW_OFFSET_MM: Final = 0.05
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ViewScene:
-    """Scene of a view without the part, for the prediction."""
+    """Scene of a view without the part, for the prediction.
+
+    Attributes
+    ----------
+    holder : ray casting against gripper and arm, world; None where nothing holds the part
+    holder_mask : (height, width) mask of them, grown by their margins
+    panel : (height, width) mask of the backlight panel in sight, shrunk
+    boxes : of gripper and arm
+    margins_px : of each box, what its place and shape may be off in the picture
+    wide : ray casting against the boxes, each enlarged by its margin; None without any
+    """
 
     holder: RayCaster | None
-    holder_mask: BoolArray  # (height, width), grown
-    panel: BoolArray  # (height, width), where the backlight panel is seen, shrunk
+    holder_mask: BoolArray
+    panel: BoolArray
+    boxes: tuple[WorldBox, ...] = ()
+    margins_px: tuple[int, ...] = ()
+    wide: RayCaster | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -59,18 +77,20 @@ def box_mesh(boxes: tuple[WorldBox, ...]) -> trimesh.Trimesh:
     return cast("trimesh.Trimesh", trimesh.util.concatenate(meshes))
 
 
+def margin_px(sigma_px: float, out_px: float = 0.0) -> int:
+    """Return the margin round a box of the gripper in a picture.
+
+    Parameters
+    ----------
+    sigma_px : standard deviation of its place
+    out_px : how far its true shape stands out of it
+    """
+    return int(np.ceil(SPREADS * sigma_px + out_px + BORDER_PX - 0.5))
+
+
 def make_scene(task: ViewTask) -> ViewScene:
     """Return the scene of a view: everything in it except the part."""
     width, height = task.camera.size_px
-    holder: RayCaster | None = None
-    holder_mask = np.zeros((height, width), dtype=bool)
-    if task.holder:
-        mesh = box_mesh(task.holder)
-        holder = RayCaster(mesh)
-        # With a margin of nine pixels, every fourth pixel is enough.
-        maps = render_maps(holder, np.eye(4), task.camera, (0, 0, width, height), step_px=4)
-        coarse = np.repeat(np.repeat(maps.mask, 4, axis=0), 4, axis=1)[:height, :width]
-        holder_mask = grow(coarse, HOLDER_MARGIN_PX)
     panel = np.zeros((height, width), dtype=np.uint8)
     edges = [
         task.panel_mm[i] + t * (task.panel_mm[(i + 1) % 4] - task.panel_mm[i])
@@ -80,7 +100,41 @@ def make_scene(task: ViewTask) -> ViewScene:
     outline = task.camera.project(np.array(edges))
     cv2.fillPoly(panel, [np.round(outline).astype(np.int32)], 1)
     inner = cv2.erode(panel, np.ones((9, 9), np.uint8), borderValue=1)
-    return ViewScene(holder, holder_mask, inner > 0)
+    scene = ViewScene(None, np.zeros((height, width), dtype=bool), inner > 0)
+    if not task.holder:
+        return scene
+    pixel_mm = task.camera.mm_per_px(task.T_world_part[:3, 3])
+    margin = margin_px(float(np.hypot(GRIPPER_MM, FINGER_MM)) / pixel_mm)
+    scene = with_boxes(scene, task.holder, (margin,) * len(task.holder), pixel_mm)
+    assert scene.holder is not None
+    # With a margin of nine pixels, every fourth pixel is enough.
+    maps = render_maps(scene.holder, np.eye(4), task.camera, (0, 0, width, height), step_px=4)
+    coarse = np.repeat(np.repeat(maps.mask, 4, axis=0), 4, axis=1)[:height, :width]
+    return replace(scene, holder_mask=grow(coarse, margin))
+
+
+def with_boxes(
+    scene: ViewScene, boxes: tuple[WorldBox, ...], margins_px: tuple[int, ...], pixel_mm: float
+) -> ViewScene:
+    """Return a scene with other boxes of gripper and arm; its mask stays.
+
+    Parameters
+    ----------
+    scene : the scene
+    boxes, margins_px : one or more boxes, and the margin of each
+    pixel_mm : size of a pixel at the part
+    """
+    wide = tuple(
+        WorldBox(box.T, box.half_mm + margin * pixel_mm)
+        for box, margin in zip(boxes, margins_px, strict=True)
+    )
+    return replace(
+        scene,
+        boxes=boxes,
+        margins_px=margins_px,
+        holder=RayCaster(box_mesh(boxes)),
+        wide=RayCaster(box_mesh(wide)),
+    )
 
 
 def before_part(scene: ViewScene, maps: ViewMaps, camera: Camera) -> ViewScene:
@@ -102,9 +156,13 @@ def before_part(scene: ViewScene, maps: ViewMaps, camera: Camera) -> ViewScene:
     depth_mm = maps.depth_mm[::MASK_STEP_PX, ::MASK_STEP_PX]
     seen = maps.mask[::MASK_STEP_PX, ::MASK_STEP_PX]
     front = held.mask & ~(seen & (held.depth_mm > depth_mm + BEHIND_MM))
-    fine = np.repeat(np.repeat(front, MASK_STEP_PX, axis=0), MASK_STEP_PX, axis=1)
+    box = np.where(front, held.triangle // BOX_TRIANGLES, -1)
+    grown = np.zeros((y1 - y0, x1 - x0), dtype=bool)
+    for number in np.unique(box[front]):
+        fine = np.repeat(np.repeat(box == number, MASK_STEP_PX, axis=0), MASK_STEP_PX, axis=1)
+        grown |= grow(fine[: y1 - y0, : x1 - x0], scene.margins_px[number])
     mask = scene.holder_mask.copy()
-    mask[y0:y1, x0:x1] = grow(fine[: y1 - y0, : x1 - x0], HOLDER_MARGIN_PX)
+    mask[y0:y1, x0:x1] = grown
     return replace(scene, holder_mask=mask)
 
 

@@ -23,7 +23,7 @@ class Verdict(StrEnum):
 class Unjudged(StrEnum):
     """Reason why no check compared a sample in sight; the first in this order that applies."""
 
-    HOLDER = "beside the gripper, whose place is known to a millimetre"
+    HOLDER = "beside the gripper, nearer than its place and shape are known"
     FLAT = "seen too flat for the smallest defect to show"
     UNLIT = "turned from the lamps or in shadow, where a defect stays as dark as all else"
     PENUMBRA = "at the border of a shadow"
@@ -213,6 +213,7 @@ class Check:
     smallest_mm : smallest width that would have been found at each sample (n,), by kind of mark
         (dent, scratch, stain); inf where none
     learned_from : number of good parts that the picture was compared with
+    is_dark : True if nothing in sight is known to be lit, and too little shows to verify the pose
     """
 
     name: str
@@ -223,6 +224,7 @@ class Check:
     misfit: float = 0.0
     smallest_mm: Mapping[str, Float32Array] = field(default_factory=dict)
     learned_from: int = 0
+    is_dark: bool = False
 
 
 OUTLINE = "outline"

@@ -337,6 +337,7 @@ class PosedViews:
             for grasp, fit in sorted(self.fits.items())
             if fit is not None
             for view in fit.views
+            if not view.is_hidden
         )
 
     def rival(self, part: PosedPart, settings: PoseSettings) -> Rival | None:
@@ -466,7 +467,9 @@ def _edge_views(
         one = _posed_view(view, posed, kept)
         if one is None or not result.evaluated:
             continue
-        lamps = (c.name for c in result.checks if not c.reason and c.name != OUTLINE)
+        lamps = (
+            c.name for c in result.checks if not c.reason and not c.is_dark and c.name != OUTLINE
+        )
         known.append(EdgeView(one, (BACKLIT, *lamps), view.counted))
     return known
 

@@ -141,6 +141,45 @@ ASIDE_PX: Final = 2.5
 FALL_SHARE: Final = 0.08  # share of the peak that must be lost at a distance in any direction
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class _Scores:
+    """How well shifts put slopes of a picture on predicted edges.
+
+    Attributes
+    ----------
+    shifts_px : (k,) of both axes
+    slopes : (n, k * k) at each edge point, by shift: in noises, capped
+    mean : (k, k) of the points, row for y, column for x
+    """
+
+    shifts_px: FloatArray
+    slopes: Float32Array
+    mean: FloatArray
+
+    def chance(self, beyond_px: float) -> tuple[float, float]:
+        """Return level and standard deviation of the mean by chance, from shifts beyond a length.
+
+        Parameters
+        ----------
+        beyond_px : least length along either axis
+        """
+        x, y = (np.abs(s) for s in np.meshgrid(self.shifts_px, self.shifts_px))
+        far = np.maximum(x, y) > beyond_px
+        spread = float(self.slopes[:, far.ravel()].std()) / np.sqrt(len(self.slopes) / TOGETHER)
+        return float(np.median(self.mean[far])), spread
+
+    def loss(self, best: tuple[int, int], other: tuple[int, int]) -> tuple[float, float]:
+        """Return what is lost of the mean from one shift (row, column) to another, and its error.
+
+        Parameters
+        ----------
+        best, other : row and column of each
+        """
+        here, there = (row * len(self.shifts_px) + column for row, column in (best, other))
+        lost = self.slopes[:, here] - self.slopes[:, there]
+        return float(lost.mean()), float(lost.std()) / np.sqrt(len(self.slopes) / TOGETHER)
+
+
 def register_edges(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> Registration | None:
     """Return the shift and blur of a picture on predicted edges (n, 2); None if nothing shows it.
 
@@ -155,6 +194,68 @@ def register_edges(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> R
     """
     if len(edge_px) < MIN_PROFILES:
         return None
+    scores = _scored(picture, edge_px, normals)
+    shifts, score = scores.shifts_px, scores.mean
+    row, column = np.unravel_index(int(score.argmax()), score.shape)
+    best = (int(row), int(column))
+    level, chance = scores.chance(SEARCHED_PX - SHIFT_STEP_PX)
+    height = float(score[best]) - level
+    aside = round(ASIDE_PX / SHIFT_STEP_PX)
+    if not (
+        height > SURE * chance
+        and aside <= row < len(shifts) - aside
+        and aside <= column < len(shifts) - aside
+    ):
+        return None
+    ring = [(a, b) for a in (-aside, 0, aside) for b in (-aside, 0, aside) if a or b]
+    beside = [(best[0] + a, best[1] + b) for a, b in ring]
+    lost, doubt = scores.loss(best, max(beside, key=lambda at: float(score[at])))
+    if lost < max(FALL_SHARE * height, SURE / 2 * doubt):
+        return None  # along some direction another shift would do as well
+    near = score[row - aside : row + aside + 1, column - aside : column + aside + 1] - level
+    weight = np.maximum(near - 0.3 * height, 0.0)
+    steps = shifts[: 2 * aside + 1] - shifts[aside]
+    total = weight.sum()
+    mean = np.array([(weight.sum(axis=0) @ steps), (weight.sum(axis=1) @ steps)]) / total
+    shift = np.array([shifts[column], shifts[row]]) + mean
+    width = _stacked_width(picture, edge_px + shift, normals)
+    return None if width is None else Registration(shift, width, 0.0)
+
+
+def confirm_edges(
+    picture: Grey, edge_px: FloatArray, normals: FloatArray, within_px: float
+) -> Registration | None:
+    """Return the shift and blur of a picture that agrees with a pose; None if it may not.
+
+    For pictures that show too little for a pose of their own, as edges of one direction: some of
+    the edges must show where a pose puts them, within what this may be off, and no shift beyond
+    that may show more of them. What the picture leaves open is left to the pose.
+
+    Parameters
+    ----------
+    picture : (height, width) grey
+    edge_px : (n, 2) points of edges, x before y
+    normals : (n, 2) unit, square to them
+    within_px : what the pose may be off in the picture
+    """
+    if len(edge_px) < MIN_PROFILES:
+        return None
+    scores = _scored(picture, edge_px, normals)
+    shifts, score = scores.shifts_px, scores.mean
+    x, y = np.meshgrid(shifts, shifts)
+    is_near = np.hypot(x, y) <= within_px
+    row, column = np.unravel_index(int(np.where(is_near, score, -np.inf).argmax()), score.shape)
+    best = (int(row), int(column))
+    level, chance = scores.chance(SEARCHED_PX - SHIFT_STEP_PX)
+    if float(score[best]) - level < SURE * chance or float(score[best]) < float(score.max()):
+        return None
+    shift = np.array([shifts[column], shifts[row]])
+    width = _stacked_width(picture, edge_px + shift, normals)
+    return None if width is None else Registration(shift, width, 0.0)
+
+
+def _scored(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> _Scores:
+    """Return how well shifts put a picture's slopes on predicted edges (n, 2)."""
     x0, y0 = (np.floor(edge_px.min(axis=0) - SEARCHED_PX - 4)).astype(int)
     x1, y1 = (np.ceil(edge_px.max(axis=0) + SEARCHED_PX + 5)).astype(int)
     x0, y0 = max(x0, 0), max(y0, 0)
@@ -170,33 +271,7 @@ def register_edges(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> R
     )
     noise = max(float(np.median(slope)) / 0.6745, 0.05)
     capped = np.minimum(slope / noise, CAPPED)
-    score = capped.mean(axis=0).reshape(len(shifts), len(shifts))
-    row, column = np.unravel_index(int(score.argmax()), score.shape)
-    far = (np.maximum(np.abs(sx), np.abs(sy)) > SEARCHED_PX - SHIFT_STEP_PX).reshape(score.shape)
-    level = float(np.median(score[far]))
-    chance = float(capped[:, far.ravel()].std()) / np.sqrt(len(edge_px) / TOGETHER)
-    height = float(score[row, column]) - level
-    aside = round(ASIDE_PX / SHIFT_STEP_PX)
-    if not (
-        height > SURE * chance
-        and aside <= row < len(shifts) - aside
-        and aside <= column < len(shifts) - aside
-    ):
-        return None
-    ring = [(a, b) for a in (-aside, 0, aside) for b in (-aside, 0, aside) if a or b]
-    a, b = max(ring, key=lambda at: score[row + at[0], column + at[1]])
-    lost = capped[:, row * len(shifts) + column] - capped[:, (row + a) * len(shifts) + column + b]
-    doubt = float(lost.std()) / np.sqrt(len(edge_px) / TOGETHER)
-    if lost.mean() < max(FALL_SHARE * height, SURE / 2 * doubt):
-        return None  # along some direction another shift would do as well
-    near = score[row - aside : row + aside + 1, column - aside : column + aside + 1] - level
-    weight = np.maximum(near - 0.3 * height, 0.0)
-    steps = shifts[: 2 * aside + 1] - shifts[aside]
-    total = weight.sum()
-    mean = np.array([(weight.sum(axis=0) @ steps), (weight.sum(axis=1) @ steps)]) / total
-    shift = np.array([shifts[column], shifts[row]]) + mean
-    width = _stacked_width(picture, edge_px + shift, normals)
-    return None if width is None else Registration(shift, width, 0.0)
+    return _Scores(shifts, capped, capped.mean(axis=0).reshape(len(shifts), len(shifts)))
 
 
 def _stacked_width(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> float | None:

@@ -16,11 +16,21 @@ from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, FloatArray
 from controller.cad import SurfaceSamples
-from controller.imaging import mask_contour, render_maps, threshold_levels, view_roi
+from controller.imaging import mask_contour, render_maps, threshold_levels, transform, view_roi
 
-from ._pose import MEASURED_HOLD, PLANNED_HOLD, PosedPart, PoseFit, moved, poses_as_good
+from ._holder import with_measured_holder
+from ._pose import (
+    MEASURED_HOLD,
+    PLANNED_HOLD,
+    PosedPart,
+    PoseFit,
+    moved,
+    point_spread,
+    poses_as_good,
+)
 from ._scene import ViewScene, before_part, make_scene, samples_in_sight
 from ._types import (
+    OUTLINE,
     Check,
     Finding,
     InspectionLimits,
@@ -38,9 +48,13 @@ from .grasp_pose import (
     fit_grasp,
 )
 from .integrity import Allowances, OutlineResult, compare_outline
-from .lit import BURNT_GREY, Appearance, LearnedView, LitPictures, gloss_of
+from .lit import BURNT_GREY, MIN_WIDTH_PX, Appearance, LearnedView, LitPictures, gloss_of
 from .registration import Registration, register
 
+OPEN_SPREADS: Final = 2.0  # standard deviations of a pose that no outline shows
+# What they may be in the picture: half the width that a defect must have to be seen.
+MAX_OPEN_PX: Final = 0.5 * MIN_WIDTH_PX
+SPREAD_STEP_PX: Final = 8  # distance between pixels whose surface is asked
 NEAR_SHARE: Final = 0.9  # share of the outline found in its place
 ROUGH: Final = 3.0  # standard deviations of noise and light: the unevenness allowed of an outline
 
@@ -302,9 +316,8 @@ def posed_pictures(
     if stand.fit is None or pose is None or seen.backlit is None:
         return None
     outline = _outline(part, samples, task, seen.backlit, pose, stand.fit, strictness)
-    view = _View(
-        part, samples, task, pictures, seen.scene, stand.sharp, outline, strictness.appearance
-    )
+    scene = with_measured_holder(seen.scene, task.camera, stand.fit.maps, seen.backlit.share)
+    view = _View(part, samples, task, pictures, scene, stand.sharp, outline, strictness.appearance)
     return view.at(stand.fit)
 
 
@@ -340,13 +353,17 @@ def _stand_of(
     if pose is None or fit is None:
         return Stand("no outline of the part where it should be")
     refusal = _pose_refusal(fit, *moved(part, task, fit), limits)
+    if not refusal and pose.is_hidden:
+        refusal = _open_refusal(part, task, fit)
     rough_px = ROUGH * float(np.hypot(pose.noise_px, strictness.pose.light_px))
     if not refusal and pose.residual_px > rough_px:
         refusal = (
             f"outline uneven by {pose.residual_px:.2f} px, {rough_px:.2f} px is what noise and "
             "light can do: not this part, or not before the panel"
         )
-    sharp = None if refusal else register(pictures.backlit, fit.edge_px, fit.edge_normals)
+    sharp = None
+    if not refusal and not pose.is_hidden:
+        sharp = register(pictures.backlit, fit.edge_px, fit.edge_normals)
     if not refusal and sharp is not None and sharp.width_px > limits.max_edge_px:
         refusal = (
             f"edges are {sharp.width_px:.1f} px wide, {limits.max_edge_px:.1f} px is allowed: out "
@@ -376,7 +393,8 @@ def _compare(
         return _not_evaluated(task, samples, stand.reason)
     limits = task.limits
     outline = _outline(part, samples, task, seen.backlit, pose, fit, strictness)
-    view = _View(part, samples, task, pictures, seen.scene, sharp, outline, strictness.appearance)
+    scene = with_measured_holder(seen.scene, task.camera, fit.maps, seen.backlit.share)
+    view = _View(part, samples, task, pictures, scene, sharp, outline, strictness.appearance)
     posed = posed or view.at(fit)
     gloss = gloss_of(posed.lit.polish) if gloss is None else gloss
     best = posed.result(gloss, view.learned_at(fit))
@@ -404,6 +422,9 @@ def _outline(
     fit: PoseFit,
     strictness: Strictness,
 ) -> OutlineResult:
+    if pose.is_hidden:
+        nothing = np.zeros(len(samples.points_mm), dtype=bool)
+        return OutlineResult([], Check(OUTLINE, "", nothing))
     return compare_outline(
         part, pose, fit.maps, backlit, task, samples, strictness.allowances, strictness.pose,
         strictness.view_count,
@@ -416,10 +437,10 @@ def _as_fit(part: PosedPart, task: ViewTask, backlit: Backlit, pose: ViewPose) -
     if roi is None:
         return None
     points = pose.rims.points
-    mine = backlit.outline.is_judged(points.pixels)
+    mine = pose.judged
     return PoseFit(
         T_world_part=pose.T_world_part,
-        residual_px=float(np.nanmedian(np.abs(pose.gap_px[mine]))),
+        residual_px=0.0 if pose.is_hidden else float(np.nanmedian(np.abs(pose.gap_px[mine]))),
         paired=pose.paired,
         maps=render_maps(part.caster, pose.T_world_part, task.camera, roi),
         edge_px=points.pixels[mine],
@@ -480,6 +501,21 @@ def _pose_refusal(fit: PoseFit, shift: float, turn: float, limits: InspectionLim
             "gripper: it slipped"
         )
     return ""
+
+
+def _open_refusal(part: PosedPart, task: ViewTask, fit: PoseFit) -> str:
+    """Return the objection to a pose that other views leave open, empty if there is none."""
+    rows, columns = np.nonzero(fit.maps.mask[::SPREAD_STEP_PX, ::SPREAD_STEP_PX])
+    triangles = fit.maps.triangle[::SPREAD_STEP_PX, ::SPREAD_STEP_PX][rows, columns]
+    middles = part.solid.mesh.triangles_center[np.unique(triangles)]
+    points = transform(fit.T_world_part, np.asarray(middles, np.float64))
+    open_px = OPEN_SPREADS * float(np.median(point_spread(part, task, fit, points)))
+    if open_px <= MAX_OPEN_PX:
+        return ""
+    return (
+        f"no outline of the part shows, and the other views leave its place open by {open_px:.1f} "
+        f"px, {MAX_OPEN_PX:.1f} px is allowed: show it in another view of this grasp"
+    )
 
 
 def _best_excuse(codes: Sequence[NDArray[np.uint8]], missing: BoolArray) -> NDArray[np.uint8]:

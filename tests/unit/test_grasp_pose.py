@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -175,3 +176,42 @@ def test_a_panel_darker_at_its_rim_shifts_no_edge() -> None:
     near = np.linalg.norm(even.points[:, None] - uneven.points[None, ::5], axis=2).argmin(axis=0)
     off = ((uneven.points[::5] - even.points[near]) * even.normals[near]).sum(axis=1)
     assert abs(float(np.median(off))) < 0.01
+
+
+def outline_of(number: int, *, is_hidden: bool = False, is_absent: bool = False) -> OutlineView:
+    """One look; with nothing of its outline before the panel, or with no part there."""
+    turn, tilt = LOOKS[number]
+    seen = task(shown(turn, tilt), holder=(), view_id=f"v{number}")
+    body = box(6, 6, 6).translate((12, 8, 14)) if is_absent else perfect()
+    scene = make_scene(seen)
+    if is_hidden:
+        scene = replace(scene, panel=np.zeros_like(scene.panel))
+    lit = backlit_outline(photograph(body, true_poses()[number], (), ()).backlit, scene)
+    return OutlineView(seen.view_id, seen.camera, seen.T_world_part, lit.outline, lit.noise_px)
+
+
+@pytest.mark.parametrize("number", range(len(LOOKS)))
+def test_a_view_that_shows_no_outline_has_the_grasps_pose_within_the_arms_error(
+    number: int,
+) -> None:
+    fit = fit_grasp(part(), [outline_of(i, is_hidden=i == number) for i in range(len(LOOKS))])
+    assert fit is not None
+    assert fit.missing == ()
+    pose = fit.views[number]
+    assert [v.is_hidden for v in fit.views] == [i == number for i in range(len(LOOKS))]
+    off = away(fit)[number]
+    assert off @ np.linalg.solve(pose.covariance, off) < 16.8
+    # what the arm may be off from view to view is not known of this one
+    assert np.sqrt(np.diag(pose.covariance))[:3].min() > PoseSettings().view_mm
+    # along the camera's axis, and across it
+    assert np.sqrt(np.diag(pose.covariance))[:3].max() < 0.3
+
+
+def test_a_view_whose_outline_should_show_and_does_not_is_left_out() -> None:
+    fit = fit_grasp(part(), [outline_of(0), outline_of(1, is_absent=True), outline_of(2)])
+    assert fit is not None
+    assert fit.missing == ("v1",)
+
+
+def test_no_outline_in_any_view_is_no_pose() -> None:
+    assert fit_grasp(part(), [outline_of(i, is_hidden=True) for i in range(len(LOOKS))]) is None

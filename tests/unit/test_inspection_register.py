@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from controller.arrays import FloatArray, Grey
-from controller.inspection.registration import register, register_edges
+from controller.inspection.registration import (
+    confirm_edges,
+    register,
+    register_edges,
+)
 
 HEIGHT, WIDTH = 300, 400
 LEFT, RIGHT, TOP, BOTTOM = 120.0, 280.0, 60.0, 240.0
@@ -101,3 +105,25 @@ def test_edges_that_run_one_way_or_do_not_show_tell_no_shift() -> None:
     assert register_edges(faint((0.0, 0.0), 3), *outline("left", "right")) is None
     noise = np.random.default_rng(4).normal(20, 0.6, (HEIGHT, WIDTH)).round().astype(np.uint8)
     assert register_edges(noise, *outline("left", "right", "top", "bottom")) is None
+
+
+@pytest.mark.parametrize("along", [0.0, 3.0])
+def test_edges_that_run_one_way_confirm_a_pose_they_lie_on(along: float) -> None:
+    edge, normals = outline("left", "right")
+    picture = bar(0.0, along)  # a shift along them shows in no edge
+    assert register_edges(picture, edge, normals) is None
+    found = confirm_edges(picture, edge, normals, 1.0)
+    assert found is not None
+    assert abs(found.shift_px[0]) <= 0.5
+
+
+@pytest.mark.parametrize("across", [-4.0, 2.0, 5.0])
+def test_edges_that_lie_beside_a_pose_do_not_confirm_it(across: float) -> None:
+    edge, normals = outline("left", "right")
+    assert confirm_edges(bar(across, 0.0), edge, normals, 1.0) is None
+
+
+def test_a_picture_that_shows_nothing_confirms_nothing() -> None:
+    edge, normals = outline("left", "right", "top", "bottom")
+    noise = np.random.default_rng(5).normal(20.0, 2.0, (HEIGHT, WIDTH))
+    assert confirm_edges(np.round(noise).astype(np.uint8), edge, normals, 1.0) is None

@@ -39,6 +39,7 @@ from controller.inspection import (
     Verdict,
     ViewPictures,
     ViewResult,
+    WorldBox,
     inspect_view,
     judge,
 )
@@ -264,6 +265,19 @@ def test_a_dead_lamp_is_not_taken_for_a_part_without_fault(lamp: str) -> None:
     assert_lamp_not_evaluated(result, lamp, "too little of the part's outline")
 
 
+def test_a_lamp_behind_the_arm_lights_nothing_and_that_is_no_failure() -> None:
+    arm = np.eye(4)
+    arm[:3, 3] = -235, -310, 185  # half-way to the lamp, out of the picture
+    holder = (*hand(FRONT), WorldBox(arm, np.full(3, 90.0)))
+    pictures = photograph(perfect(), FRONT, holder)
+    result = inspect_view(part(), samples(), task(FRONT, holder), pictures)
+    assert result.evaluated
+    assert result.failures == ()
+    (side,) = (c for c in result.checks if c.name == "side")
+    assert not side.compared.any()
+    assert not [f for f in result.findings if f.lamp == "side"]
+
+
 def assert_lamp_not_evaluated(result: ViewResult, lamp: str, reason: str) -> None:
     """The lamp's check is not made; the others are, and count for themselves."""
     assert result.evaluated
@@ -410,7 +424,7 @@ def test_what_is_beside_the_hand_is_neither_judged_nor_counted_as_seen() -> None
     bare = inspect_view(part(), samples(), task(T, ()), photograph(perfect(), T, ()))
     assert bare.evaluated
     assert bare.findings == ()
-    assert bare.compared.sum() > result.compared.sum()
+    assert bare.in_sight.sum() > result.in_sight.sum()
     # a face's own scatter is another one where more of it is in sight
     assert (result.compared & ~bare.compared).sum() <= 0.02 * bare.compared.sum()
 

@@ -13,8 +13,7 @@ from controller.imaging import EdgeFits, RayCaster, inverse_pose, measure_edges,
 from controller.imaging.levels import pixel_noise
 
 from .._pose import PosedPart
-from .._scene import HOLDER_MARGIN_PX, box_mesh, lamp_points, make_scene
-from .._types import ViewTask, WorldBox
+from .._scene import lamp_points, make_scene
 from ..dimensions import (
     BACKLIT,
     MeasuringSettings,
@@ -134,7 +133,6 @@ def look_at_edges(
     step = np.einsum("nj,nkj->nk", across, edges.normals)
     own = OWN_WALL * np.linalg.norm(across, axis=1)
     through = (rays.rising[:, None] * step) > own[:, None]
-    gripper = _gripper_about(view.task, HOLDER_MARGIN_PX * camera.mm_per_px(pivot))
     out = []
     for lamp in lamps:
         is_backlit = lamp == BACKLIT
@@ -150,7 +148,7 @@ def look_at_edges(
                 _ratio(limit[:, None], along), faces_camera, through & is_backlit,
                 (rays.wall_px > 0) & is_backlit,
                 rays.pixels, rays.normals, across,
-                _in_gripper_shadow(edges, view, lamp, gripper),
+                _in_gripper_shadow(edges, view, lamp, scene.wide),
             )
         )  # fmt: skip
     return out
@@ -161,13 +159,6 @@ def _ratio(limit_px: FloatArray, along: FloatArray) -> FloatArray:
     out = np.full(along.shape, np.inf)
     np.divide(np.broadcast_to(limit_px, along.shape), along, out=out, where=along > 0)
     return out
-
-
-def _gripper_about(task: ViewTask, margin_mm: float) -> RayCaster | None:
-    """Return the gripper enlarged by a margin, world; None where nothing holds the part."""
-    if not task.holder:
-        return None
-    return RayCaster(box_mesh(tuple(WorldBox(b.T, b.half_mm + margin_mm) for b in task.holder)))
 
 
 def _in_gripper_shadow(

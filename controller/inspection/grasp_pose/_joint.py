@@ -11,7 +11,7 @@ equations are small: six unknowns for the grasp, seven for each view, four for e
 size. The effect of light on one edge as a whole is eliminated edge by edge.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -242,18 +242,83 @@ def _fine(
         _view_pose(p, s, gap, x, covariance, i, prior)
         for i, (p, s, gap) in enumerate(zip(poses, predicted, left, strict=True))
     ]
-    found = tuple(v for v in every if np.isfinite(v.gap_px).sum() >= MIN_POINTS)
-    if not found:
+    shown = [v for v in every if np.isfinite(v.gap_px).sum() >= MIN_POINTS]
+    if not shown:
         return None
-    known = {v.view_id for v in found}
+    known = {v.view_id: v for v in shown}
+    if max(v.paired for v in shown) >= 1.0 - MISSED_SHARE:
+        # of the others, those whose outline stands before nothing are known by these
+        known |= {v.view_id: v for v in _hidden(part, views, known, x, covariance, prior)}
     return GraspPose(
-        views=found,
+        views=tuple(known[v.view_id] for v in views if v.view_id in known),
         missing=tuple(v.view_id for v in views if v.view_id not in known),
         shift_mm=x[:3],
         rotation_rad=x[3:6],
         covariance=covariance[:6, :6],
         faces=_face_shifts(predicted, left, x, covariance, prior),
     )
+
+
+def _hidden(
+    part: PosedPart,
+    views: Sequence[OutlineView],
+    known: Collection[str],
+    x: FloatArray,
+    covariance: FloatArray,
+    prior: _Prior,
+) -> list[ViewPose]:
+    """Return the poses of further views of the grasp whose outline no picture can show.
+
+    Parameters
+    ----------
+    part : the part
+    views : all views of the grasp
+    known : ids of those whose outline was found
+    x, covariance : solution for these
+    prior : of its unknowns
+    """
+    settings = prior.settings
+    own = np.diag([settings.view_mm] * 3 + [settings.view_rad] * 3) ** 2
+    out = []
+    for view in views:
+        if view.view_id in known:
+            continue
+        T = view.T_world_part @ twist(x[3:6], x[:3], part.solid.centroid_mm)
+        placed = _Placed(view, T)
+        one = _predict(part, placed, 0, 1)
+        points = one.rims.points
+        judged = view.outline.is_judged(points.pixels)
+        if judged.sum() >= MIN_POINTS:
+            continue  # it would show, and is not there
+        nothing = np.full(len(points.pixels), np.nan)
+        out.append(
+            ViewPose(
+                view_id=view.view_id,
+                T_world_part=T,
+                covariance=_in_world(T, covariance[:6, :6] + own),
+                deviation_mm=0.0,
+                deviation_rad=0.0,
+                rims=one.rims,
+                gap_px=nothing,
+                left_px=nothing,
+                edge_px=np.zeros(len(points.pixels)),
+                judged=np.zeros(len(points.pixels), dtype=bool),
+                step_px=points.step_mm / one.pixel_mm,
+                px_per_mm=1.0 / one.pixel_mm,
+                noise_px=float(np.median(one.noise_px)) if len(one.noise_px) else 0.0,
+                residual_px=0.0,
+                paired=1.0,
+                is_hidden=True,
+            )
+        )
+    return out
+
+
+def _in_world(T: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return a covariance (6, 6) of the part's frame in the world."""
+    turn = np.kron(np.eye(2), T[:3, :3])
+    spread = turn @ covariance @ turn.T
+    return np.asarray(0.5 * (spread + spread.T))
 
 
 def _predict(part: PosedPart, placed: _Placed, number: int, count: int) -> _Predicted:
@@ -422,12 +487,10 @@ def _view_pose(
     both = np.zeros((6, len(x)))
     both[:, :6] = np.eye(6)
     both[:, at] += np.eye(6)
-    turn = np.kron(np.eye(2), T[:3, :3])
-    spread = turn @ both @ covariance @ both.T @ turn.T
     return ViewPose(
         view_id=placed.view.view_id,
         T_world_part=T,
-        covariance=0.5 * (spread + spread.T),
+        covariance=_in_world(T, both @ covariance @ both.T),
         deviation_mm=float(np.linalg.norm(x[at][:3])),
         deviation_rad=float(np.linalg.norm(x[at][3:])),
         rims=one.rims,

@@ -72,6 +72,8 @@ class ViewPose:
     residual_px : robust standard deviation after removal of the edges' common offsets
     paired : share of the judged predicted outline that is found within 2 px with the faces at their
         fitted places
+    is_hidden : True if no picture before the panel could show the outline in this view; the pose is
+        that of the grasp, within the error of the arm
     """
 
     view_id: str
@@ -89,6 +91,7 @@ class ViewPose:
     noise_px: float
     residual_px: float
     paired: float
+    is_hidden: bool = False
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -117,7 +120,7 @@ class GraspPose:
 
     Attributes
     ----------
-    views : views in the given order, without those in which no outline was found
+    views : views in the given order; without those in which the outline should show and does not
     missing : ids of the views left out
     shift_mm, rotation_rad : (3,) shift of the centre of mass, and rotation vector, from the
         expected pose, CAD frame

@@ -16,9 +16,15 @@ from controller.recognition.fitting import EdgePoints, predict_edges
 
 from .._connected import connected_findings, grow
 from .._pose import PosedPart, PoseFit, point_spread
-from .._scene import HOLDER_MARGIN_PX, MAX_INCIDENCE_COS, ViewScene, Visibility
+from .._scene import MAX_INCIDENCE_COS, ViewScene, Visibility
 from .._types import Check, Finding, FindingKind, InspectionLimits, Unjudged, ViewTask
-from ..registration import Registration, picture_noise, register, register_edges
+from ..registration import (
+    Registration,
+    confirm_edges,
+    picture_noise,
+    register,
+    register_edges,
+)
 from .bounce import Neighbours, find_neighbours
 from .brightness import Brightness, Polish, fit_brightness
 from .claims import near_own_face, share_of_face
@@ -67,6 +73,7 @@ SPREAD_NODES: Final = 8  # step in nodes: the pose's spread changes slowly
 BOUNCED: Final = 1.5  # light that a glossy corner adds in one place, in that of matt neighbours
 PARTLY_NODES: Final = 2  # width in nodes: lamps are a little larger than their centres suggest
 LIT: Final = 0.05  # least light that shows texture, in that of a surface square to the lamp
+NOT_SHOWN: Final = "it shows too little of the part's outline and edges to verify the pose"
 MIN_NOISE_GREY: Final = 0.3  # least noise, in grey levels of eight bits
 
 
@@ -235,11 +242,12 @@ class LitPictures:
         return self._refusals[lamp_name]
 
     def _refusal(self, lit: "_LitPicture") -> str | None:
-        if reason := self._misfit(lit):
-            return reason
-        if not lit.is_told:
+        reason = self._misfit(lit)
+        if not lit.is_told and (not reason or reason == NOT_SHOWN):
             # nothing that this lamp is known to light is in sight: nothing is compared or found
             return None
+        if reason:
+            return reason
         brightness = self._brightness(lit.name)
         return self._unlike(lit, brightness) or self._other_lamp(lit, brightness)
 
@@ -272,7 +280,9 @@ class LitPictures:
         if reason != "":
             why = Unjudged.UNLIT if reason is None else Unjudged.LAMP
             code = np.where(self.visible.free, why.number, 0)
-            return Check(lamp_name, reason or "", self._none()), [], code.astype(np.uint8)
+            is_dark = reason is None and bool(self._misfit(lit))
+            check = Check(lamp_name, reason or "", self._none(), is_dark=is_dark)
+            return check, [], code.astype(np.uint8)
         brightness = self._brightness(lamp_name)
         outcome = compare(
             lit.observed, self._surface, lit.light, brightness, gloss, lit.valid, lit.ground,
@@ -310,12 +320,12 @@ class LitPictures:
             lamp = next(lamp for lamp in self._task.lamps if lamp.name == lamp_name)
             light = bound_light(
                 self._surface, self._part.caster, self._fit.T_world_part, self._task.camera, lamp,
-                self._scene.holder, self._about,
+                self._scene.wide, self._about,
             )  # fmt: skip
             picture = self._pictures[lamp_name]
             x0, y0, x1, y1 = self._fit.maps.roi
             soft = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 1.0)
-            valid = self._free & ~grow(light.touched, HOLDER_MARGIN_PX // STEP_PX + 1)
+            valid = self._free & ~grow(light.touched, 1)
             self._lit_by[lamp_name] = _LitPicture(
                 lamp_name,
                 picture,
@@ -460,15 +470,23 @@ class LitPictures:
     def _misfit(self, lit: "_LitPicture") -> str:
         """Return the reason why a lit picture misses the pose or is not sharp; empty if neither."""
         limits, fit = self._task.limits, self._fit
+        if fit.is_hidden:
+            # the outline that the lit picture must agree with is itself known that well only
+            play_px = POSE_SPREADS * float(np.median(self._spread_px()[self._surface.seen]))
+            limits = replace(limits, max_lit_shift_px=limits.max_lit_shift_px + play_px)
         steps = register(lit.picture, fit.edge_px, fit.edge_normals, self._expected(lit))
         # the expected picture is blurred by a good lens; the backlit one tells how good this one is
         lens = max(self._sharp.width_px - LENS_WIDTH_PX, 0.0) if self._sharp is not None else 0.0
-        refusal = "it shows too little of the part's outline and edges to verify the pose"
+        refusal = NOT_SHOWN
         if steps is not None:
             refusal = _refusal(steps, steps.growth_px, lens, limits)
         if refusal:
             # the outline before a dark wall, or in a bright one's glow, is no sure measure
-            steps = register_edges(lit.picture, self._edges.pixels, self._edges.normals)
+            edges = self._edges
+            steps = register_edges(lit.picture, edges.pixels, edges.normals)
+            if steps is None and refusal == NOT_SHOWN:
+                within_px = limits.max_lit_shift_px
+                steps = confirm_edges(lit.picture, edges.pixels, edges.normals, within_px)
             if steps is not None:
                 # it overrules the outline where it leaves no question, not at the limit
                 strict = replace(limits, max_edge_growth_px=limits.max_edge_growth_px / 2)
