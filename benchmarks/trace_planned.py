@@ -37,7 +37,6 @@ from trace_series import Piece, Series
 
 from controller.cad import CadError
 from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
-from controller.cell.services.views.holder import holder_boxes
 from controller.cell.services.views.part_file import box_section, camera_section, pose_rows
 from controller.config import EMULATED_CELL, Cell, ConfigError, load_cell, load_recipe
 from controller.config.cell import CameraSection, LampSection
@@ -46,6 +45,7 @@ from controller.imaging import inverse_pose
 from controller.inspection import MEASURED_HOLD, WorldBox
 from controller.interface import plan_part
 from controller.planning import Look, NoPlanError, Plan, Present
+from controller.setup.holder import holder_boxes
 from controller.setup.layout import build_layout
 from controller.setup.optics import build_camera, light_of, table_light
 

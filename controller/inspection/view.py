@@ -210,34 +210,6 @@ def _is_near(grasp: GraspPose | None) -> bool:
     return grasp is not None and grasp.views[0].paired >= NEAR_SHARE
 
 
-def compare_view(
-    part: PosedPart,
-    samples: SurfaceSamples,
-    task: ViewTask,
-    pictures: ViewPictures,
-    seen: SeenView,
-    pose: ViewPose | None,
-    strictness: Strictness,
-    gloss: float | None = None,
-    posed: "PosedPictures | None" = None,
-) -> ViewResult:
-    """Return a view's result on a part of known pose: findings, and samples compared.
-
-    Parameters
-    ----------
-    part, samples : the CAD model and its surface samples
-    task : the view: camera, pose expected, limits
-    pictures : taken while the arm stood still at the view's pose
-    seen : its picture before the panel
-    pose : of the part; None where no outline was found
-    strictness : what a good part may show
-    gloss : highest possible polish of the finish, from 0 to 1; None to find it in this view
-    posed : its pictures at that pose, where `posed_pictures` has returned them
-    """
-    stand = _stand_of(part, task, pictures, seen, pose, strictness)
-    return _compare(part, samples, task, pictures, seen, stand, strictness, gloss, posed)
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class PosedPictures:
     """Pictures of a view with the part at one pose, to be compared there.
@@ -295,6 +267,34 @@ class PosedPictures:
             checks=tuple(checks),
             unjudged=_best_excuse(codes, free & ~compared),
         )
+
+
+def compare_view(
+    part: PosedPart,
+    samples: SurfaceSamples,
+    task: ViewTask,
+    pictures: ViewPictures,
+    seen: SeenView,
+    pose: ViewPose | None,
+    strictness: Strictness,
+    gloss: float | None = None,
+    posed: PosedPictures | None = None,
+) -> ViewResult:
+    """Return a view's result on a part of known pose: findings, and samples compared.
+
+    Parameters
+    ----------
+    part, samples : the CAD model and its surface samples
+    task : the view: camera, pose expected, limits
+    pictures : taken while the arm stood still at the view's pose
+    seen : its picture before the panel
+    pose : of the part; None where no outline was found
+    strictness : what a good part may show
+    gloss : highest possible polish of the finish, from 0 to 1; None to find it in this view
+    posed : its pictures at that pose, where `posed_pictures` has returned them
+    """
+    stand = _stand_of(part, task, pictures, seen, pose, strictness)
+    return _compare(part, samples, task, pictures, seen, stand, strictness, gloss, posed)
 
 
 def posed_pictures(
