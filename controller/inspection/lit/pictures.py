@@ -71,6 +71,9 @@ EDGE_PLAY_PX: Final = 2.0  # blur of the edge and of the filters, three standard
 POSE_SPREADS: Final = 2.0  # standard deviations of the pose by which an edge may be off
 SPREAD_NODES: Final = 8  # step in nodes: the pose's spread changes slowly
 BOUNCED: Final = 1.5  # light that a glossy corner adds in one place, in that of matt neighbours
+SHADOW_NODES: Final = (
+    5  # border of a gripper's shadow, which no lamp's size is known well enough for
+)
 PARTLY_NODES: Final = 2  # width in nodes: lamps are a little larger than their centres suggest
 LIT: Final = 0.05  # least light that shows texture, in that of a surface square to the lamp
 NOT_SHOWN: Final = "it shows too little of the part's outline and edges to verify the pose"
@@ -325,7 +328,7 @@ class LitPictures:
             picture = self._pictures[lamp_name]
             x0, y0, x1, y1 = self._fit.maps.roi
             soft = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 1.0)
-            valid = self._free & ~grow(light.touched, 1)
+            valid = self._free & ~grow(light.touched, SHADOW_NODES)
             self._lit_by[lamp_name] = _LitPicture(
                 lamp_name,
                 picture,
