@@ -4,9 +4,10 @@ Arrays in, dataclasses out (cell-facts.md 3).
 """
 
 from ._gathered import by_place
+from ._holder import with_measured_holder
 from ._judge import MIN_FACE_SHARE, FaceVerdict, PartVerdict, judge
 from ._pose import MEASURED_HOLD, PLANNED_HOLD, PosedPart
-from ._scene import before_part, box_mesh, make_scene
+from ._scene import ViewScene, before_part, box_mesh, make_scene
 from ._types import (
     OUTLINE,
     Check,
@@ -72,6 +73,7 @@ __all__ = [
     "ViewOff",
     "ViewPictures",
     "ViewResult",
+    "ViewScene",
     "ViewSet",
     "ViewTask",
     "WorldBox",
@@ -87,5 +89,6 @@ __all__ = [
     "make_scene",
     "predict_pictures",
     "require_usable",
+    "with_measured_holder",
     "work_ahead",
 ]

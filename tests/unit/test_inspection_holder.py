@@ -21,9 +21,16 @@ from shown_part import (
 )
 
 from controller.imaging import RayCaster, render_maps, view_roi
-from controller.inspection import OUTLINE, ViewResult, WorldBox, before_part, box_mesh, make_scene
-from controller.inspection._holder import with_measured_holder
-from controller.inspection._scene import ViewScene
+from controller.inspection import (
+    OUTLINE,
+    ViewResult,
+    ViewScene,
+    WorldBox,
+    before_part,
+    box_mesh,
+    make_scene,
+    with_measured_holder,
+)
 from controller.inspection.grasp_pose import backlit_outline, fit_grasp
 from controller.inspection.view import Strictness, compare_view, outline_view, see_view
 from controller.recognition.fitting import twist
