@@ -206,7 +206,7 @@ def judge(
         for f in faces
         if f.verdict is Verdict.NOT_EVALUATED
         and f.face_id not in not_inspected
-        and f.area_mm2 >= limits.min_area_mm2
+        and f.reason != TOO_SMALL
     ]
     stops += [
         f"{f.label}: {100 * f.compared_fraction:.0f} % compared, "
@@ -523,7 +523,8 @@ def _face(
         verdict, is_by_edges = Verdict.PASS, True
         by_check = (*(one for one in by_check if one[0] != EDGES), (EDGES, edges.share))
         reason = f"surface not compared; {100 * edges.share:.0f} % {edges.how} in place"
-    elif face.area_mm2 < limits.min_area_mm2:
+    elif face.area_mm2 < (limits.min_area_mm2 if face.concave else limits.defect_area_mm2):
+        # a hole as small is asked for all the same, down to half of that
         reason = TOO_SMALL
     elif edges is not None and edges.why:
         # Light is no reason where edges could have shown a difference and did not.

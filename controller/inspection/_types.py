@@ -109,7 +109,12 @@ class InspectionLimits:
     @property
     def min_area_mm2(self) -> float:
         """Smallest area that counts: half the disc of the smallest defect."""
-        return 0.5 * np.pi / 4 * self.smallest_defect_mm**2
+        return 0.5 * self.defect_area_mm2
+
+    @property
+    def defect_area_mm2(self) -> float:
+        """Area of the smallest defect's disc."""
+        return float(np.pi / 4 * self.smallest_defect_mm**2)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
