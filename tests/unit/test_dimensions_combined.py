@@ -181,6 +181,17 @@ def test_two_looks_that_disagree_decide_nothing() -> None:
     assert "looks disagree by 0.100 mm" in found.reason
 
 
+def test_looks_that_disagree_twice_as_much_are_half_as_sure() -> None:
+    def off_by(mm: float) -> float:
+        looks = [seen(0.0, edge_noise=0.01), seen(mm, lamp="side", edge_noise=0.01)]
+        U_mm = combine(asked(), looks, SETTINGS).U_mm
+        assert U_mm is not None
+        return U_mm
+
+    assert off_by(0.4) == pytest.approx(2 * off_by(0.2))
+    assert off_by(0.2) > 2 * off_by(0.0)
+
+
 def test_parts_of_an_edge_that_disagree_are_no_value() -> None:
     little = {"reason": "70 % of its edge found where it must show", "is_part": True}
     looks = [

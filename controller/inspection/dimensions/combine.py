@@ -170,13 +170,14 @@ def _chosen(
         return None
     count = len(good)
     dropped: list[tuple[int, str]] = []
-    reason = ""
+    reason, scale = "", 1.0
     while len(good) > 1:
         worst, off, allowed = _worst([estimates[i] for i in good])
         if off <= allowed:
             break
         if len(good) == 2 or len(dropped) + 1 > MAX_DROPPED * count:
             reason = f"looks disagree by {off:.3f} mm, their uncertainties allow {allowed:.3f} mm"
+            scale = off / allowed  # they are less sure than they say, by the Birge ratio
             break
         why = f"{DISAGREES} by {off:.3f} mm, {allowed:.3f} mm is explained"
         dropped.append((good.pop(worst), why))
@@ -194,6 +195,7 @@ def _chosen(
     if (not is_sure or any(e.is_part for e in used)) and LIGHT in shares:
         # Nothing confirms that the edge under the lamp belongs to the part and not to its shadow.
         shares[LIGHT] = shares[LIGHT] * settings.unconfirmed_light**2
+    shares = {name: share * scale**2 for name, share in shares.items()}
     views = tuple(dict.fromkeys(e.look.view_id for e in used))
     return _Mean(vector, shares, reason, is_twice, is_proven, True, views, tuple(dropped))
 
