@@ -88,8 +88,9 @@ POSITIONS_LOST = (
     Case(2, PART, fault=("motor board restart", STANDING), again=True),
     Case(7, Scene("holder", 1), fault=("arm without power for 3 s", STANDING), again=True),
     Case(5, PART, fault=("arm board restart", STANDING), again=True),
-    # the part in the fixed gripper, which the stop leaves without a report of its hold
-    Case(990001, PART, fault=("arm board restart", IN_FIXED), again=True),
+    # the part in the fixed gripper, which the stop leaves without a report of its hold; from pose 0
+    # the arm stands below the fixed gripper then, and homing is refused
+    Case(990001, Scene("holder", 1), fault=("arm board restart", IN_FIXED), again=True),
 )
 
 
