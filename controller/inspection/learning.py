@@ -221,7 +221,7 @@ class _Lesson:
 
     def _view(self, group: Sequence[_Shown]) -> LearnedView | None:
         """Return a learned view, None where too few pictures of it can be used."""
-        some = [(one, held) for one in group if (held := self._held(one)) is not None]
+        some = [(one, held) for one in group if not isinstance(held := self._held(one), ViewResult)]
         if len(some) < MIN_PARTS:
             return None
         shown, helds = [one for one, _ in some], [held for _, held in some]
@@ -249,7 +249,7 @@ class _Lesson:
             self._results[one.part].append(held.result(gloss_of(held.lit.polish), others))
         return replace(base, pictures=pictures)
 
-    def _held(self, one: _Shown) -> PosedPictures | None:
+    def _held(self, one: _Shown) -> PosedPictures | ViewResult:
         posed, task = self._posed[one.part], one.view.task
         views = self._parts[one.part].views
         return posed_pictures(

@@ -8,7 +8,7 @@ finished grasps while the arm still shows other views, and `inspect_part` takes 
 (ADR 81).
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -41,7 +41,6 @@ from .view import (
     PosedPictures,
     SeenView,
     Strictness,
-    compare_view,
     outline_view,
     posed_pictures,
     see_view,
@@ -547,54 +546,44 @@ def _results(
     evidence: list[Polish] = []
     for grasp in dict.fromkeys(view.grasp for view in views.views):
         mine = [view for view in views.views if view.grasp == grasp]
-        built: dict[str, PosedPictures | None] = {}
-        for view in mine:
-            pictures = partial(_pictures_of, views, view, posed, strictness, built)
-            pose = posed.pose(view.task.view_id)
-            evidence += kept.once(partial(_polish, pictures), _polish, view, pose, strictness)
-            yield None
-        gloss = gloss_of(evidence)
-        for view in mine:
-            pictures = partial(_pictures_of, views, view, posed, strictness, built)
-            pose = posed.pose(view.task.view_id)
-            compared = partial(_compared, views, view, posed, strictness, gloss, pictures)
-            result = kept.once(compared, compare_view, view, pose, strictness, gloss)
-            built.pop(view.task.view_id, None)
-            yield result if view.counted is None else result.within(view.counted)
+        yield from _of_grasp(views, mine, posed, strictness, evidence, kept)
 
 
-def _pictures_of(
+def _of_grasp(
     views: ViewSet,
-    view: HeldView,
+    mine: Sequence[HeldView],
     posed: PosedViews,
     strictness: Strictness,
-    built: dict[str, PosedPictures | None],
-) -> PosedPictures | None:
-    """Return a view's pictures at its pose, kept until it is judged; see `posed_pictures`."""
-    task, view_id = view.task, view.task.view_id
-    if view_id not in built:
-        seen, pose = posed.seen[view_id], posed.pose(view_id)
-        built[view_id] = posed_pictures(
-            views.part, views.samples, task, view.pictures, seen, pose, strictness
-        )
-    return built[view_id]
+    evidence: list[Polish],
+    kept: Kept,
+) -> Iterator[ViewResult | None]:
+    """Yield the results of a grasp's views; their evidence is added to that of earlier grasps."""
+    built: dict[str, PosedPictures | ViewResult] = {}
 
+    def at_pose(view: HeldView) -> PosedPictures | ViewResult:
+        task, view_id = view.task, view.task.view_id
+        if view_id not in built:
+            seen, pose = posed.seen[view_id], posed.pose(view_id)
+            built[view_id] = posed_pictures(
+                views.part, views.samples, task, view.pictures, seen, pose, strictness
+            )
+        return built[view_id]
 
-def _polish(pictures: Callable[[], PosedPictures | None]) -> tuple[Polish, ...]:
-    shown = pictures()
-    return () if shown is None else shown.lit.polish
+    def polish(view: HeldView) -> tuple[Polish, ...]:
+        one = at_pose(view)
+        return () if isinstance(one, ViewResult) else one.lit.polish
 
+    def judged(view: HeldView, gloss: float) -> ViewResult:
+        one = at_pose(view)
+        return one if isinstance(one, ViewResult) else one.judged(gloss)
 
-def _compared(
-    views: ViewSet,
-    view: HeldView,
-    posed: PosedViews,
-    strictness: Strictness,
-    gloss: float,
-    pictures: Callable[[], PosedPictures | None],
-) -> ViewResult:
-    seen, pose = posed.seen[view.task.view_id], posed.pose(view.task.view_id)
-    return compare_view(
-        views.part, views.samples, view.task, view.pictures, seen, pose, strictness, gloss,
-        pictures(),
-    )  # fmt: skip
+    for view in mine:
+        key = (view, posed.pose(view.task.view_id), strictness)
+        evidence += kept.once(partial(polish, view), Polish, *key)
+        yield None
+    gloss = gloss_of(evidence)
+    for view in mine:
+        key = (view, posed.pose(view.task.view_id), strictness)
+        result = kept.once(partial(judged, view, gloss), PosedPictures, *key, gloss)
+        built.pop(view.task.view_id, None)  # what it was judged by is large
+        yield result if view.counted is None else result.within(view.counted)

@@ -202,8 +202,8 @@ def inspect_view(
     located : what `locate_view` returned; None to find it
     """
     located = located or locate_view(part, task, pictures)
-    stand = located.stand
-    return _compare(part, samples, task, pictures, located.seen, stand, Strictness(), None, None)
+    seen, stand = located.seen, located.stand
+    return _judged(_at_stand(part, samples, task, pictures, seen, stand, Strictness()))
 
 
 def _is_near(grasp: GraspPose | None) -> bool:
@@ -216,17 +216,43 @@ class PosedPictures:
 
     Attributes
     ----------
-    part, task : the part, and its view
-    fit : its pose, with the outline predicted there
-    outline : silhouette, compared
+    view : pictures and models, for any pose
+    fit : pose of the part, with the outline predicted there
     lit : pictures under lamps, to be compared
     """
 
-    part: PosedPart
-    task: ViewTask
+    view: "_View"
     fit: PoseFit
-    outline: OutlineResult
     lit: LitPictures
+
+    @property
+    def task(self) -> ViewTask:
+        """The view."""
+        return self.view.task
+
+    def judged(self, gloss: float | None = None) -> ViewResult:
+        """Return the view's result: at this pose, or at one that explains more of what is found.
+
+        Parameters
+        ----------
+        gloss : highest possible polish of the finish, from 0 to 1; None to find it in this view
+        """
+        view = self.view
+        gloss = gloss_of(self.lit.polish) if gloss is None else gloss
+        best = self.result(gloss, view.learned_at(self.fit))
+        if not any(f.kind.is_lit for f in best.findings):
+            return best
+        # what a lit picture shows against one pose, and not against another that the outline allows
+        # as well, speaks of the pose and not of the part
+        for other in poses_as_good(view.part, view.task, self.fit, view.backlit.outline):
+            if _pose_refusal(other, *moved(view.part, view.task, other), view.task.limits):
+                continue
+            result = view.at(other).result(gloss, view.learned_at(other))
+            if _explains_more(result, best):
+                best = result
+            if not best.findings:
+                break
+        return best
 
     def result(self, gloss: float, learned: LearnedView | None) -> ViewResult:
         """Return the result of the pictures if this is the part's pose.
@@ -236,10 +262,10 @@ class PosedPictures:
         gloss : highest possible polish of the finish, from 0 to 1
         learned : the same view of good parts; None for none
         """
-        task, fit = self.task, self.fit
-        shift, turn = moved(self.part, task, fit)
-        findings: list[Finding] = list(self.outline.findings)
-        checks: list[Check] = [self.outline.check]
+        task, fit, outline = self.task, self.fit, self.view.outline
+        shift, turn = moved(self.view.part, task, fit)
+        findings: list[Finding] = list(outline.findings)
+        checks: list[Check] = [outline.check]
         codes: list[NDArray[np.uint8]] = []
         for lamp in task.lamps:
             check, differing, code = self.lit.check(lamp.name, gloss, learned)
@@ -277,24 +303,14 @@ def compare_view(
     seen: SeenView,
     pose: ViewPose | None,
     strictness: Strictness,
-    gloss: float | None = None,
-    posed: PosedPictures | None = None,
 ) -> ViewResult:
     """Return a view's result on a part of known pose: findings, and samples compared.
 
     Parameters
     ----------
-    part, samples : the CAD model and its surface samples
-    task : the view: camera, pose expected, limits
-    pictures : taken while the arm stood still at the view's pose
-    seen : its picture before the panel
-    pose : of the part; None where no outline was found
-    strictness : what a good part may show
-    gloss : highest possible polish of the finish, from 0 to 1; None to find it in this view
-    posed : its pictures at that pose, where `posed_pictures` has returned them
+    part, samples, task, pictures, seen, pose, strictness : see `posed_pictures`
     """
-    stand = _stand_of(part, task, pictures, seen, pose, strictness)
-    return _compare(part, samples, task, pictures, seen, stand, strictness, gloss, posed)
+    return _judged(posed_pictures(part, samples, task, pictures, seen, pose, strictness))
 
 
 def posed_pictures(
@@ -305,20 +321,24 @@ def posed_pictures(
     seen: SeenView,
     pose: ViewPose | None,
     strictness: Strictness,
-) -> PosedPictures | None:
-    """Return a view's pictures at the part's pose, None where the view is not evaluated.
+) -> PosedPictures | ViewResult:
+    """Return a view's pictures at the part's pose, or the result of one that is not evaluated.
 
     Parameters
     ----------
-    part, samples, task, pictures, seen, pose, strictness : as `compare_view` has them
+    part, samples : the CAD model and its surface samples
+    task : the view: camera, pose expected, limits
+    pictures : taken while the arm stood still at the view's pose
+    seen : its picture before the panel
+    pose : of the part; None where no outline was found
+    strictness : what a good part may show
     """
     stand = _stand_of(part, task, pictures, seen, pose, strictness)
-    if stand.fit is None or pose is None or seen.backlit is None:
-        return None
-    outline = _outline(part, samples, task, seen.backlit, pose, stand.fit, strictness)
-    scene = with_measured_holder(seen.scene, task.camera, stand.fit.maps, seen.backlit.share)
-    view = _View(part, samples, task, pictures, scene, stand.sharp, outline, strictness.appearance)
-    return view.at(stand.fit)
+    return _at_stand(part, samples, task, pictures, seen, stand, strictness)
+
+
+def _judged(pictures: PosedPictures | ViewResult) -> ViewResult:
+    return pictures if isinstance(pictures, ViewResult) else pictures.judged()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -345,7 +365,7 @@ def _stand_of(
     pose: ViewPose | None,
     strictness: Strictness,
 ) -> Stand:
-    """Return the stand of a part in a view; see `compare_view`."""
+    """Return the stand of a part in a view; see `posed_pictures`."""
     limits = task.limits
     if seen.backlit is None:
         return Stand(seen.reason)
@@ -376,7 +396,7 @@ def _stand_of(
     return Stand("", pose, fit, sharp)
 
 
-def _compare(
+def _at_stand(
     part: PosedPart,
     samples: SurfaceSamples,
     task: ViewTask,
@@ -384,33 +404,18 @@ def _compare(
     seen: SeenView,
     stand: Stand,
     strictness: Strictness,
-    gloss: float | None,
-    posed: PosedPictures | None,
-) -> ViewResult:
-    """Return a view's result on a part at a stand; see `compare_view`."""
-    pose, fit, sharp = stand.pose, stand.fit, stand.sharp
-    if stand.reason or seen.backlit is None or pose is None or fit is None:
+) -> PosedPictures | ViewResult:
+    """Return a view's pictures with the part at a stand; see `posed_pictures`."""
+    pose, fit, backlit = stand.pose, stand.fit, seen.backlit
+    if stand.reason or backlit is None or pose is None or fit is None:
         return _not_evaluated(task, samples, stand.reason)
-    limits = task.limits
-    outline = _outline(part, samples, task, seen.backlit, pose, fit, strictness)
-    scene = with_measured_holder(seen.scene, task.camera, fit.maps, seen.backlit.share)
-    view = _View(part, samples, task, pictures, scene, sharp, outline, strictness.appearance)
-    posed = posed or view.at(fit)
-    gloss = gloss_of(posed.lit.polish) if gloss is None else gloss
-    best = posed.result(gloss, view.learned_at(fit))
-    if not any(f.kind.is_lit for f in best.findings):
-        return best
-    # what a lit picture shows against one pose, and not against another that the outline allows as
-    # well, speaks of the pose and not of the part
-    for other in poses_as_good(part, task, fit, seen.backlit.outline):
-        if _pose_refusal(other, *moved(part, task, other), limits):
-            continue
-        result = view.at(other).result(gloss, view.learned_at(other))
-        if _explains_more(result, best):
-            best = result
-        if not best.findings:
-            break
-    return best
+    outline = _outline(part, samples, task, backlit, pose, fit, strictness)
+    scene = with_measured_holder(seen.scene, task.camera, fit.maps, backlit.share)
+    appearance = strictness.appearance
+    view = _View(
+        part, samples, task, pictures, backlit, scene, stand.sharp, outline, appearance
+    )  # fmt: skip
+    return view.at(fit)
 
 
 def _outline(
@@ -468,6 +473,7 @@ class _View:
     samples: SurfaceSamples
     task: ViewTask
     pictures: ViewPictures
+    backlit: Backlit
     scene: ViewScene
     sharp: Registration | None
     outline: OutlineResult
@@ -479,7 +485,7 @@ class _View:
         scene = before_part(self.scene, fit.maps, task.camera)
         visible = samples_in_sight(part, samples, task.camera, fit.T_world_part, scene)
         lit = LitPictures(part, samples, task, scene, fit, visible, self.sharp, self.pictures.lit)
-        return PosedPictures(part, task, fit, self.outline, lit)
+        return PosedPictures(self, fit, lit)
 
     def learned_at(self, fit: PoseFit) -> LearnedView | None:
         """Return the same view of good parts, None where none was learned."""

@@ -71,9 +71,8 @@ EDGE_PLAY_PX: Final = 2.0  # blur of the edge and of the filters, three standard
 POSE_SPREADS: Final = 2.0  # standard deviations of the pose by which an edge may be off
 SPREAD_NODES: Final = 8  # step in nodes: the pose's spread changes slowly
 BOUNCED: Final = 1.5  # light that a glossy corner adds in one place, in that of matt neighbours
-SHADOW_NODES: Final = (
-    5  # border of a gripper's shadow, which no lamp's size is known well enough for
-)
+# Border of a gripper's shadow, which no lamp's size is known well enough for.
+SHADOW_NODES: Final = 5
 PARTLY_NODES: Final = 2  # width in nodes: lamps are a little larger than their centres suggest
 LIT: Final = 0.05  # least light that shows texture, in that of a surface square to the lamp
 NOT_SHOWN: Final = "it shows too little of the part's outline and edges to verify the pose"
@@ -138,7 +137,7 @@ class LitPictures:
         self._pictures = pictures
         self._lit_by: dict[str, _LitPicture] = {}
         self._fits: dict[str, Brightness] = {}
-        self._refusals: dict[str, str | None] = {}
+        self._refusals: dict[str, tuple[str, str | None]] = {}  # misfit and refusal, by lamp
         whole, step = fit.maps, STEP_PX
         nodes = ViewMaps(whole.roi, whole.triangle[::step, ::step], whole.depth_mm[::step, ::step])
         self._surface = find_surface(part.solid, nodes, fit.T_world_part, task.camera, step)
@@ -241,16 +240,17 @@ class LitPictures:
         lamp_name : one of the view's lamps
         """
         if lamp_name not in self._refusals:
-            self._refusals[lamp_name] = self._refusal(self._lit(lamp_name))
-        return self._refusals[lamp_name]
+            lit = self._lit(lamp_name)
+            misfit = self._misfit(lit)
+            self._refusals[lamp_name] = misfit, self._refusal(lit, misfit)
+        return self._refusals[lamp_name][1]
 
-    def _refusal(self, lit: "_LitPicture") -> str | None:
-        reason = self._misfit(lit)
-        if not lit.is_told and (not reason or reason == NOT_SHOWN):
+    def _refusal(self, lit: "_LitPicture", misfit: str) -> str | None:
+        if not lit.is_told and (not misfit or misfit == NOT_SHOWN):
             # nothing that this lamp is known to light is in sight: nothing is compared or found
             return None
-        if reason:
-            return reason
+        if misfit:
+            return misfit
         brightness = self._brightness(lit.name)
         return self._unlike(lit, brightness) or self._other_lamp(lit, brightness)
 
@@ -283,7 +283,7 @@ class LitPictures:
         if reason != "":
             why = Unjudged.UNLIT if reason is None else Unjudged.LAMP
             code = np.where(self.visible.free, why.number, 0)
-            is_dark = reason is None and bool(self._misfit(lit))
+            is_dark = reason is None and bool(self._refusals[lamp_name][0])
             check = Check(lamp_name, reason or "", self._none(), is_dark=is_dark)
             return check, [], code.astype(np.uint8)
         brightness = self._brightness(lamp_name)
