@@ -177,6 +177,37 @@ def lamp_points(lamp: PointLamp) -> FloatArray:
     return np.asarray(middle + (points - middle) * scale[:, None])
 
 
+def lamp_reaches(
+    part: RayCaster,
+    T_world_part: FloatArray,
+    others: RayCaster | None,
+    start: FloatArray,
+    towards: FloatArray,
+    normals: FloatArray,
+) -> BoolArray:
+    """Return a mask (n,) of surface points that a lamp shines on, world.
+
+    Parameters
+    ----------
+    part : ray casting against the part, CAD frame
+    T_world_part : (4, 4) its pose
+    others : other bodies that cast shadows; None for none
+    start : (n, 3) just off the surface
+    towards : (n, 3) from there to the lamp
+    normals : (n, 3) of the facets
+    """
+    distance = lengths(towards)
+    unit = towards / distance[:, None]
+    out: BoolArray = inner(unit, normals) > 0
+    facing = np.flatnonzero(out)
+    in_part = transform(inverse_pose(T_world_part), start[facing])
+    hidden = part.blocked(in_part, unit[facing] @ T_world_part[:3, :3])
+    if others is not None:
+        hidden |= others.blocked(start[facing], unit[facing], distance[facing])
+    out[facing[hidden]] = False
+    return out
+
+
 def samples_in_sight(
     part: PosedPart, samples: SurfaceSamples, camera: Camera, T: FloatArray, scene: ViewScene
 ) -> Visibility:

@@ -24,7 +24,7 @@ from controller.imaging import (
 )
 
 from ._pose import PosedPart
-from ._scene import SHADOW_OFFSET_MM, box_mesh
+from ._scene import SHADOW_OFFSET_MM, box_mesh, lamp_reaches
 from ._types import ViewPictures, ViewTask
 
 FINE: Final = 2  # samples to a pixel, each way
@@ -123,14 +123,8 @@ def _matt(
     start = points + SHADOW_OFFSET_MM * facets @ R.T
     towards = source - start
     distance = lengths(towards)
-    unit = towards / distance[:, None]
-    cosine = inner(unit, normals)
-    lit = np.flatnonzero((cosine > 0) & (inner(unit, facets @ R.T) > 0))
-    dark = part.caster.blocked(transform(T_part_world, start[lit]), unit[lit] @ R)
-    if holder is not None:
-        dark |= holder.blocked(start[lit], unit[lit], distance[lit])
+    cosine = inner(towards / distance[:, None], normals)
+    is_lit = lamp_reaches(part.caster, T_world_part, holder, start, towards, facets @ R.T)
     reference = float(np.linalg.norm(source - T_world_part[:3, 3]))
-    bright = MATT_GREY * cosine[lit] * (reference / distance[lit]) ** 2
-    out = np.full(len(points), DARK_GREY, dtype=np.float32)
-    out[lit] += np.where(dark, 0.0, bright).astype(np.float32)
-    return out
+    bright = np.where(is_lit & (cosine > 0), MATT_GREY * cosine * (reference / distance) ** 2, 0.0)
+    return np.float32(DARK_GREY) + bright.astype(np.float32)

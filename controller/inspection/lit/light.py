@@ -15,7 +15,7 @@ import numpy as np
 from controller.arrays import BoolArray, Float32Array, FloatArray, inner, lengths
 from controller.imaging import Camera, PointLamp, RayCaster, inverse_pose, transform
 
-from .._scene import SHADOW_OFFSET_MM, lamp_points
+from .._scene import SHADOW_OFFSET_MM, lamp_points, lamp_reaches
 from .bounce import Bounced, Neighbours, bounced_light
 from .surface import Surface
 
@@ -128,17 +128,8 @@ def bound_light(
     centre = sources.mean(axis=0)
 
     def is_reached(points: FloatArray, normals: FloatArray) -> BoolArray:
-        towards = centre - points
-        distance = lengths(towards)
-        unit = towards / distance[:, None]
-        open_to = inner(unit, normals) > 0
-        facing = np.flatnonzero(open_to)
-        off = points[facing] + SHADOW_OFFSET_MM * normals[facing]
-        hidden = caster.blocked(transform(T_part_world, off), unit[facing] @ T_world_part[:3, :3])
-        if others is not None:
-            hidden |= others.blocked(off, unit[facing], distance[facing])
-        open_to[facing[hidden]] = False
-        return open_to
+        off = points + SHADOW_OFFSET_MM * normals
+        return lamp_reaches(caster, T_world_part, others, off, centre - points, normals)
 
     # The distribution of light over a ring is unknown: a visible portion may have all of it.
     partly = (reached > 0.01) & (reached < 0.99)
