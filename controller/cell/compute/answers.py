@@ -23,7 +23,6 @@ from controller import recognition as recognising
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad.compiled import load_part
 from controller.cell.custody import ALONE, Around
-from controller.cell.devices.lamps import STATION_PANEL
 from controller.cell.journal.rows import SightingFields
 from controller.config.view_set import ViewSetFile, load_view_set, parse_view_set
 from controller.imaging import inverse_pose
@@ -47,15 +46,15 @@ from controller.planning.motion import (
     prove_sweep,
 )
 from controller.planning.regrasps import pick_paths
-from controller.setup.optics import build_lamps, panel_corners, table_corners
 from controller.stored import Judging, judge_views, read_pictures
 from controller.stored import judge_ahead as stored_ahead
 
 from ..devices.lamps import TABLE_LAMPS
 from ..plans import PlanCache
 from . import held_search
-from .job import MAX_RECIPE_COUNT, Context, Job, context, inspection_limits
+from .job import MAX_RECIPE_COUNT, Context, Job, context
 from .neighbours import layout_among
+from .tasks import held_task, table_task
 
 Holder = tuple[inspecting.WorldBox, ...]
 MAX_LOCATED_COUNT: Final = 8
@@ -410,7 +409,9 @@ def locate(
     backlit, lit : pictures in front of the backlight panel, and by lamp
     is_hold_measured : an earlier view has confirmed how the part is held
     """
-    task = _held_task(job, view_id, T_world_part, holder, lit, is_hold_measured)
+    task = held_task(
+        context(job), view_id, T_world_part, holder, tuple(lit), is_hold_measured=is_hold_measured
+    )
     pictures = inspecting.ViewPictures(backlit=backlit, lit=lit)
     found = inspecting.locate_view(context(job).posed, task, pictures)
     _located[_view_key(job, view_id, T_world_part, backlit)] = found
@@ -450,30 +451,11 @@ def inspect(
     backlit, lit : pictures in front of the backlight panel, and by lamp
     is_hold_measured : an earlier view has confirmed how the part is held
     """
-    task = _held_task(job, view_id, T_world_part, holder, lit, is_hold_measured)
+    task = held_task(
+        context(job), view_id, T_world_part, holder, tuple(lit), is_hold_measured=is_hold_measured
+    )
     located = _located.pop(_view_key(job, view_id, T_world_part, backlit), None)
     return _inspected(context(job), task, backlit, lit, located)
-
-
-def _held_task(
-    job: Job,
-    view_id: str,
-    T_world_part: FloatArray,
-    holder: Holder,
-    lit: Mapping[str, Grey],
-    is_hold_measured: bool,
-) -> inspecting.ViewTask:
-    c = context(job)
-    return inspecting.ViewTask(
-        view_id=view_id,
-        camera=c.inspection,
-        T_world_part=T_world_part,
-        holder=holder,
-        panel_mm=panel_corners(c.cell, STATION_PANEL),
-        lamps=build_lamps(c.cell, tuple(lit)),
-        limits=inspection_limits(c.recipe),
-        is_hold_measured=is_hold_measured,
-    )
 
 
 def inspect_on_table(
@@ -489,17 +471,7 @@ def inspect_on_table(
     backlit, lit : pictures of the light table, and by lamp
     """
     c = context(job)
-    task = inspecting.ViewTask(
-        view_id=view_id,
-        camera=c.overhead,
-        T_world_part=T_world_part,
-        holder=(),
-        panel_mm=table_corners(c.cell),
-        lamps=build_lamps(c.cell, tuple(lit)),
-        limits=inspection_limits(c.recipe),
-        is_hold_measured=True,
-    )
-    return _inspected(c, task, backlit, lit)
+    return _inspected(c, table_task(c, view_id, T_world_part, tuple(lit)), backlit, lit)
 
 
 def _inspected(
@@ -533,15 +505,7 @@ def find_hold(
     backlit : picture in front of the backlight panel
     """
     c = context(job)
-    task = inspecting.ViewTask(
-        view_id="hold",
-        camera=c.inspection,
-        T_world_part=T_world_part,
-        holder=holder,
-        panel_mm=panel_corners(c.cell, STATION_PANEL),
-        lamps=(),
-        limits=inspection_limits(c.recipe),
-    )
+    task = held_task(c, "hold", T_world_part, holder, (), is_hold_measured=False)
     return held_search.find_hold(c.posed, c.samples, task, T_part_tcp, backlit)
 
 

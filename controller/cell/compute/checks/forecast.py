@@ -17,10 +17,10 @@ from controller.cache import DiskCache, digest_of, source_hash, versions
 from controller.planning import Look, Plan, Present
 from controller.planning.model import lit_count
 from controller.setup.holder import holder_boxes
-from controller.setup.optics import build_lamps, panel_corners, table_corners
 
-from ...devices.lamps import STATION_LAMPS, STATION_PANEL, TABLE_LAMPS
+from ...devices.lamps import STATION_LAMPS, TABLE_LAMPS
 from .. import Context, inspection_limits
+from ..tasks import held_task, table_task
 
 FORMAT = 1  # to be raised when the meaning of stored forecasts changes
 SOURCES = ("cad", "imaging", "inspection", "recognition", "setup")
@@ -122,31 +122,15 @@ def _views(c: Context, plan: Plan) -> Iterator[inspecting.HeldView]:
     held, number = "", 0
     for step in plan.steps:
         if isinstance(step, Look):
-            task = inspecting.ViewTask(
-                view_id=step.view_id,
-                camera=c.overhead,
-                T_world_part=step.T_world_part,
-                holder=(),
-                panel_mm=table_corners(c.cell),
-                lamps=build_lamps(c.cell, TABLE_LAMPS[:1]),
-                limits=inspection_limits(c.recipe),
-                is_hold_measured=True,
-            )
+            task = table_task(c, step.view_id, step.T_world_part, TABLE_LAMPS[:1])
             yield _held(c, task, number, step.seen)
         elif isinstance(step, Present):
             number += step.grasp.id != held
             held = step.grasp.id
-            task = inspecting.ViewTask(
-                view_id=step.view_id,
-                camera=c.inspection,
-                T_world_part=step.T_world_part,
-                holder=holder_boxes(c.layout, step.q, step.expected_opening_mm),
-                panel_mm=panel_corners(c.cell, STATION_PANEL),
-                lamps=build_lamps(
-                    c.cell, STATION_LAMPS[: lit_count(is_square=step.square_to >= 0)]
-                ),
-                limits=inspection_limits(c.recipe),
-                is_hold_measured=True,
+            boxes = holder_boxes(c.layout, step.q, step.expected_opening_mm)
+            lamps = STATION_LAMPS[: lit_count(is_square=step.square_to >= 0)]
+            task = held_task(
+                c, step.view_id, step.T_world_part, boxes, lamps, is_hold_measured=True
             )
             yield _held(c, task, number, None)
 
