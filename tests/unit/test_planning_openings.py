@@ -26,6 +26,7 @@ from controller.planning.geometry import Box, segments_hit
 from controller.planning.model import ShortFace
 from controller.planning.planner.prepare import without_short
 from controller.planning.views import (
+    VisibilityRules,
     by_element,
     directions_to_floors,
     find_openings,
@@ -116,12 +117,13 @@ def test_a_deep_bore_gets_directions_of_its_own_to_its_floor() -> None:
     few = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
     eyes = deep.centroid_mm + AWAY_MM * few
     assert not by_element(openings, lit_from(openings, caster, eyes)).any()
-    added = directions_to_floors(openings, deep, caster, few, AWAY_MM)
+    rules = replace(VisibilityRules.of_station(LAYOUT, 70.0), distance_mm=AWAY_MM)
+    added = directions_to_floors(openings, deep, caster, few, rules)
     assert len(added)
     eyes = deep.centroid_mm + AWAY_MM * added
     assert by_element(openings, lit_from(openings, caster, eyes)).all()
     # what is shown already gets none
-    assert not len(directions_to_floors(openings, deep, caster, added, AWAY_MM))
+    assert not len(directions_to_floors(openings, deep, caster, added, rules))
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -246,11 +246,9 @@ def worthwhile(
     """
     problem, usual_s = costs.problem, view_seconds(layout)
     count = len(part.samples.points_mm)
-    worth = np.concatenate([
-        worth_of(part.samples, part.options),
-        [_square_worth(part, int(face)) for face in costs.square_faces],
-        _opening_worth(part),
-    ])  # fmt: skip
+    surface = worth_of(part.samples, part.options)
+    squares = [surface[part.samples.face_ids == face].sum() for face in costs.square_faces]
+    worth = np.concatenate([surface, SQUARE_WORTH * np.array(squares), _opening_worth(part)])
     best: tuple[int, float, BoolArray] | None = None
     grasps = solution.grasps
     for mask in range(1, 2 ** len(grasps)):
@@ -322,12 +320,6 @@ def _opening_worth(part: PreparedPart) -> FloatArray:
     bores = part.openings.faces
     needed = part.options.face_share * np.bincount(bores)
     return np.asarray(1.0 / needed[bores])
-
-
-def _square_worth(part: PreparedPart, face: int) -> float:
-    """Return the worth of seeing a main face squarely, in views of usual length."""
-    mine = part.samples.face_ids == face
-    return SQUARE_WORTH * float(worth_of(part.samples, part.options)[mine].sum())
 
 
 def _squares(

@@ -122,7 +122,7 @@ def prepare_part(
         by = make_counted(solid, samples, counted, probes, caster, rules, visibility_table)
     openings = find_openings(solid)
     vectors = directions_to_floors(
-        openings, solid, caster, visibility_table.directions.vectors, rules.distance_mm
+        openings, solid, caster, visibility_table.directions.vectors, rules
     )
     visibility_table = with_directions(visibility_table, vectors, solid, samples, caster, rules)
     arm_grasps = (*base, *(turned_over(g) for g in base))

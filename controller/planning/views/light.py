@@ -19,6 +19,7 @@ from controller.imaging import RayCaster, inverse_pose, transform
 from ..geometry import Box, segments_hit
 from ..model import Openings
 from .gripper import FINGER_SHADOW_MM
+from .visibility import VisibilityRules, eyes_of
 
 SECTOR_COUNT = 12  # places round a rim; more than half of them prove a bore
 FLOOR_COUNT = 3  # places of a floor's edge in one view: a quarter of it, to fit its height to
@@ -136,7 +137,11 @@ def by_element(openings: Openings, lit: BoolArray) -> BoolArray:
 
 
 def directions_to_floors(
-    openings: Openings, solid: Solid, caster: RayCaster, vectors: FloatArray, distance_mm: float
+    openings: Openings,
+    solid: Solid,
+    caster: RayCaster,
+    vectors: FloatArray,
+    rules: VisibilityRules,
 ) -> FloatArray:
     """Return directions (k, 3) for the floors that fewer than two of some directions show.
 
@@ -145,9 +150,9 @@ def directions_to_floors(
     openings : of the part
     solid, caster : the part, and rays against its mesh
     vectors : (v, 3) unit, from the centre of mass to the camera: those there are
-    distance_mm : of the camera from the centre of mass
+    rules : distance of the camera from the centre of mass
     """
-    shown = by_element(openings, lit_from(openings, caster, _eyes(solid, vectors, distance_mm)))
+    shown = by_element(openings, lit_from(openings, caster, eyes_of(solid, vectors, rules)))
     added: list[FloatArray] = []
     for element in np.flatnonzero((openings.needed > 1) & (shown.sum(axis=0) < 2)).tolist():
         places = np.flatnonzero(openings.element == element)
@@ -157,21 +162,14 @@ def directions_to_floors(
         wall = solid.mesh.triangles[solid.face_of_triangle == openings.faces[element]]
         depth = float(((wall.reshape(-1, 3) - middle) @ axis).max())
         tilt = float(np.clip(np.arctan(AIM * width / depth), MIN_TILT_RAD * 1.1, MAX_TILT_RAD))
-        u = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-        u /= np.linalg.norm(u)
-        for turn in np.arange(WAY_COUNT) * 2.0 * np.pi / WAY_COUNT:
-            side = np.cos(turn) * u + np.sin(turn) * np.cross(axis, u)
-            eye = middle + distance_mm * (np.cos(tilt) * axis + np.sin(tilt) * side)
+        for side in _around(axis, np.arange(WAY_COUNT) * 2.0 * np.pi / WAY_COUNT):
+            eye = middle + rules.distance_mm * (np.cos(tilt) * axis + np.sin(tilt) * side)
             added.append((eye - solid.centroid_mm) / np.linalg.norm(eye - solid.centroid_mm))
     if not added:
         return np.zeros((0, 3))
     found = np.stack(added)
-    lit = lit_from(openings, caster, _eyes(solid, found, distance_mm))
+    lit = lit_from(openings, caster, eyes_of(solid, found, rules))
     return found[by_element(openings, lit)[:, openings.needed > 1].any(axis=1)]
-
-
-def _eyes(solid: Solid, vectors: FloatArray, distance_mm: float) -> FloatArray:
-    return np.asarray(solid.centroid_mm + distance_mm * vectors)
 
 
 def _middle(ring: FloatArray) -> FloatArray:
@@ -179,13 +177,17 @@ def _middle(ring: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (ring.min(axis=0) + ring.max(axis=0)))
 
 
+def _around(axis: FloatArray, turns: FloatArray) -> FloatArray:
+    """Return the directions (k, 3) square to an axis at some turns (k,) about it [rad]."""
+    u = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    u /= np.linalg.norm(u)
+    return np.outer(np.cos(turns), u) + np.outer(np.sin(turns), np.cross(axis, u))
+
+
 def _inside(face: Face, ring: FloatArray) -> FloatArray:
     """Return places (`SECTOR_COUNT`, 3) evenly round a rim of a bore, just inside its wall."""
     turns = (np.arange(SECTOR_COUNT) + 0.5) * 2 * np.pi / SECTOR_COUNT
-    u = np.cross(face.axis, np.eye(3)[np.argmin(np.abs(face.axis))])
-    u /= np.linalg.norm(u)
-    v = np.cross(face.axis, u)
-    ways = np.outer(np.cos(turns), u) + np.outer(np.sin(turns), v)
+    ways = _around(face.axis, turns)
     off = ring - _middle(ring)
     nearest = np.argmax(ways @ off.T, axis=1)
     inset = np.minimum(INSET_MM, INSET_SHARE * (off[nearest] * ways).sum(axis=1))
