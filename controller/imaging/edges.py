@@ -123,6 +123,7 @@ def measure_sloped_edges(
     found: EdgeFits,
     width_px: float,
     noise: float,
+    chosen: BoolArray | None = None,
 ) -> EdgeFits:
     """Return steps fitted anew, with a slope of the light on either side of each.
 
@@ -135,8 +136,9 @@ def measure_sloped_edges(
     picture, origins_px, directions, noise : see `measure_edges`
     found : steps found along the rays, with level sides
     width_px : width of the blurred step
+    chosen : (n,) mask of the steps to fit anew; None for all
     """
-    some = np.flatnonzero(found.is_found)
+    some = np.flatnonzero(found.is_found if chosen is None else found.is_found & chosen)
     if len(some) == 0:
         return found
     half = round(SLOPED_PX / STEP_PX)

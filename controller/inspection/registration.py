@@ -156,15 +156,11 @@ class _Scores:
     slopes: Float32Array
     mean: FloatArray
 
-    def chance(self, beyond_px: float) -> tuple[float, float]:
-        """Return level and standard deviation of the mean by chance, from shifts beyond a length.
-
-        Parameters
-        ----------
-        beyond_px : least length along either axis
-        """
+    @property
+    def chance(self) -> tuple[float, float]:
+        """Level and standard deviation of the mean by chance, from the farthest shifts."""
         x, y = (np.abs(s) for s in np.meshgrid(self.shifts_px, self.shifts_px))
-        far = np.maximum(x, y) > beyond_px
+        far = np.maximum(x, y) > SEARCHED_PX - SHIFT_STEP_PX
         spread = float(self.slopes[:, far.ravel()].std()) / np.sqrt(len(self.slopes) / TOGETHER)
         return float(np.median(self.mean[far])), spread
 
@@ -198,7 +194,7 @@ def register_edges(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> R
     shifts, score = scores.shifts_px, scores.mean
     row, column = np.unravel_index(int(score.argmax()), score.shape)
     best = (int(row), int(column))
-    level, chance = scores.chance(SEARCHED_PX - SHIFT_STEP_PX)
+    level, chance = scores.chance
     height = float(score[best]) - level
     aside = round(ASIDE_PX / SHIFT_STEP_PX)
     if not (
@@ -246,7 +242,7 @@ def confirm_edges(
     is_near = np.hypot(x, y) <= within_px
     row, column = np.unravel_index(int(np.where(is_near, score, -np.inf).argmax()), score.shape)
     best = (int(row), int(column))
-    level, chance = scores.chance(SEARCHED_PX - SHIFT_STEP_PX)
+    level, chance = scores.chance
     if float(score[best]) - level < SURE * chance or float(score[best]) < float(score.max()):
         return None
     shift = np.array([shifts[column], shifts[row]])

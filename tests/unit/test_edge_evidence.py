@@ -142,16 +142,21 @@ def test_a_strip_is_not_compared_where_a_defect_reaches_its_edge(kind: str, away
     assert is_found or compared_along(found, at[0], 1.0, 16.0, 17.0) < 0.5
 
 
-@pytest.mark.parametrize(
-    "plug",
-    [
-        rod(5, 24, 48).translate((-11, 3, 0)),  # missing
-        rod(5, 12, 48).translate((-11, 3, -6)),  # half deep, from the front
-        rod(5, 12, 48).translate((-11, 3, 6)),  # half deep, from the back
-        rod(5, 1, 48).translate((-11, 3, 0)),  # a web is left in it
-    ],
-    ids=["missing", "front half", "back half", "web"],
-)
+WEB = rod(5, 1, 48).translate((-11, 3, 0))
+PLUGS = {
+    "missing": rod(5, 24, 48).translate((-11, 3, 0)),
+    "front half": rod(5, 12, 48).translate((-11, 3, -6)),  # half deep, from the front
+    "back half": rod(5, 12, 48).translate((-11, 3, 6)),
+    "web": WEB,
+}
+PARTLY_PLUGGED = {
+    "holed web": WEB - rod(2, 3, 48).translate((-11, 3, 0)),
+    "half web": WEB ^ box(5, 20, 30).translate((-13.5, 3, 0)),  # in sight
+    "web from behind": WEB ^ box(8, 20, 30).translate((-10, 3, 0)),  # part of it in sight
+}
+
+
+@pytest.mark.parametrize("plug", PLUGS.values(), ids=PLUGS)
 def test_a_bore_that_is_no_through_bore_is_not_shown(plug: Body) -> None:
     found = evidence(part(), perfect() + plug, LOOKS)
     assert not found.faces[bore_wall()].is_verified
@@ -184,16 +189,8 @@ def test_a_bore_half_behind_the_gripper_is_shown_by_the_light_beside_it_and_both
 
 @pytest.mark.parametrize(
     "plug",
-    [
-        rod(5, 24, 48).translate((-11, 3, 0)),  # missing
-        rod(5, 12, 48).translate((-11, 3, -6)),  # half deep, from the front
-        rod(5, 12, 48).translate((-11, 3, 6)),  # half deep, from the back
-        rod(5, 1, 48).translate((-11, 3, 0)),  # a web is left in it
-        rod(5, 1, 48).translate((-11, 3, 0)) - rod(2, 3, 48).translate((-11, 3, 0)),  # with a hole
-        rod(5, 1, 48).translate((-11, 3, 0)) ^ box(5, 20, 30).translate((-13.5, 3, 0)),  # in sight
-        rod(5, 1, 48).translate((-11, 3, 0)) ^ box(8, 20, 30).translate((-10, 3, 0)),  # part of it
-    ],
-    ids=["missing", "front half", "back half", "web", "holed web", "half web", "web from behind"],
+    [*PLUGS.values(), *PARTLY_PLUGGED.values()],
+    ids=[*PLUGS, *PARTLY_PLUGGED],
 )
 def test_a_bore_half_behind_the_gripper_that_is_no_through_bore_is_not_shown(plug: Body) -> None:
     assert not of_half_covered(perfect() + plug).is_verified

@@ -26,8 +26,21 @@ WAVES: Final = 3  # number of waves round a circle in which light may move its e
 NO_POINTS: Final = np.zeros((0, 2))
 
 
+class _OneLevel:
+    """Feature with all its edges at one level."""
+
+    @property
+    def level_count(self) -> int:
+        """Number of levels at which it has edges."""
+        return 1
+
+    def level(self, curve: IndexArray) -> IndexArray:
+        """Return the level of its edges (n,), from 0; each level has to be in sight."""
+        return np.zeros(len(curve), dtype=np.intp)
+
+
 @dataclass(eq=False)
-class RimFeature:
+class RimFeature(_OneLevel):
     """A hole or a boss; unknowns: its place along `rim_directions` of its axis, and its radius.
 
     Attributes
@@ -81,15 +94,6 @@ class RimFeature:
         return _waves(rays, turn * min(max(stretch, 1.0 / stretch), 2 * np.pi / rim.sweep_rad))
 
     @property
-    def level_count(self) -> int:
-        """Number of levels at which it has edges."""
-        return 1
-
-    def level(self, curve: IndexArray) -> IndexArray:
-        """Return the level of its edges (n,), from 0; each level has to be in sight."""
-        return np.zeros(len(curve), dtype=np.intp)
-
-    @property
     def sought_first(self) -> BoolArray:
         """Mask (3,) of the unknowns solved for in the first look."""
         return self.kept
@@ -110,7 +114,7 @@ class RimFeature:
 
 
 @dataclass(eq=False)
-class FaceFeature:
+class FaceFeature(_OneLevel):
     """A plane by its edges; unknowns: its shift, then the slope or the radius of each edge.
 
     Attributes
@@ -160,15 +164,6 @@ class FaceFeature:
     def light_modes(self, rays: Rays, curve: IndexArray) -> FloatArray:
         """Return the modes (n, k) in which light may move its edges, as a whole and unevenly."""
         return _waves(rays, _normal_angles(rays))
-
-    @property
-    def level_count(self) -> int:
-        """Number of levels at which it has edges."""
-        return 1
-
-    def level(self, curve: IndexArray) -> IndexArray:
-        """Return the level of its edges (n,), from 0; each level has to be in sight."""
-        return np.zeros(len(curve), dtype=np.intp)
 
     @property
     def sought_first(self) -> BoolArray:

@@ -209,21 +209,11 @@ def _with_corners(
     for i, feature in enumerate(prediction.features):
         mine = np.flatnonzero(prediction.feature[index] == i)
         inner[mine] = feature.level(prediction.curve[index[mine]]) > 0
-    corners = np.flatnonzero(inner)
-    if sharpness is None or len(corners) == 0:
+    if sharpness is None or not inner.any():
         return found
-    again = measure_sloped_edges(
-        picture,
-        rays.pixels[corners],
-        rays.normals[corners],
-        _some(found, corners),
-        sharpness.width_px,
-        noise,
+    return measure_sloped_edges(
+        picture, rays.pixels, rays.normals, found, sharpness.width_px, noise, inner
     )
-    values = {name: getattr(found, name).copy() for name in EdgeFits.__slots__}
-    for name, value in values.items():
-        value[corners] = getattr(again, name)
-    return EdgeFits(**values)
 
 
 def _first_look(
