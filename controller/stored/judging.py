@@ -1,7 +1,7 @@
 """Inspection of the part in a set of views, under a recipe."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -22,7 +22,6 @@ from controller.inspection import (
     Kept,
     PartInspection,
     PartSettings,
-    Same,
     ViewSet,
     inspect_part,
     work_ahead,
@@ -227,12 +226,12 @@ def judge_ahead(
     judging: Judging,
     kept: Kept,
     view_count: int,
-) -> bool:
-    """Do part of the work of `judge_views` on these views; return True if more may follow.
+) -> Iterator[None]:
+    """Do the work of `judge_views` on these views in advance; yield after each piece.
 
     Parameters
     ----------
-    file : views of grasps that are over; the same object for each piece
+    file : views of grasps that are over
     part : its part
     judging : basis of the judgement to come
     kept : gets it
@@ -242,12 +241,8 @@ def judge_ahead(
     ------
     ConfigError : as in `read_pictures` and `judge_views`
     """
-    asked = kept.once(
-        lambda: _asked(file, part, read_pictures(judging.set_path, file, kept), judging, kept),
-        *(judge_ahead, Same(file)),
-    )
-    before = kept.count
-    return any(kept.count > before for _ in work_ahead(*asked, kept, view_count))
+    pictures = read_pictures(judging.set_path, file, kept)
+    yield from work_ahead(*_asked(file, part, pictures, judging, kept), kept, view_count)
 
 
 def _asked(

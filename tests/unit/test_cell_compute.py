@@ -6,9 +6,11 @@ import asyncio
 import gc
 import inspect
 import pickle
+from collections.abc import Iterator
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,9 +18,16 @@ import pytest
 
 from controller.cell.compute import Compute, Job, answers, begin
 from controller.cell.compute.service import Question
+from controller.inspection import Kept
 
 JOB = Job(Path("recipe.yaml"), Path("cell.yaml"))
 QUESTIONS = {name: one for name, one in vars(Compute).items() if isinstance(one, Question)}
+
+
+class Text(str):
+    """Stands in for the parsed file of some views."""
+
+    recipe = learned = None
 
 
 class Notebook(Executor):
@@ -75,3 +84,25 @@ async def test_an_answer_that_nobody_awaits_any_more_fails_in_silence_and_others
     assert complaints == []
     with pytest.raises(BrokenProcessPool):
         await begin(fail())
+
+
+def test_work_ahead_goes_on_where_its_last_piece_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[str] = []
+
+    def work(text: str, part: object, judging: object, kept: Kept, count: int) -> Iterator[None]:
+        begun.append(text)
+        for piece in range(3):
+            kept.once(lambda: None, piece)
+            yield
+
+    monkeypatch.setattr(answers, "stored_ahead", work)
+    monkeypatch.setattr(answers, "parse_view_set", lambda path, text: Text(text))
+    monkeypatch.setattr(answers, "context", lambda job: SimpleNamespace(part=None))
+    answers._work_at_hand.cache_clear()
+    answers._kept.cache_clear()
+    more = [answers.judge_ahead(JOB, Path("set"), "one grasp", 5) for _ in range(4)]
+    assert more == [True, True, True, False]
+    assert not answers.judge_ahead(JOB, Path("set"), "two grasps", 5)  # all of it is known
+    assert begun == ["one grasp", "two grasps"]
+    answers._work_at_hand.cache_clear()
+    answers._kept.cache_clear()

@@ -8,7 +8,7 @@ data that cannot be sent between processes (`job.context`). None of them moves a
 import hashlib
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -24,7 +24,7 @@ from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad.compiled import load_part
 from controller.cell.custody import ALONE, Around
 from controller.cell.journal.rows import SightingFields
-from controller.config.view_set import ViewSetFile, load_view_set, parse_view_set
+from controller.config.view_set import load_view_set, parse_view_set
 from controller.imaging import inverse_pose
 from controller.planning import (
     Ambiguity,
@@ -523,9 +523,10 @@ def judge_ahead(job: Job, set_path: Path, text: str, view_count: int) -> bool:
     ------
     ConfigError : a picture that was stored cannot be read again
     """
-    file = _parsed(set_path, text)
-    judging = Judging(file.recipe, set_path, set_path, file.learned)
-    return stored_ahead(file, context(job).part, judging, _kept(set_path), view_count)
+    kept = _kept(set_path)
+    before = kept.count
+    # what was worked out before takes no time, and is no piece
+    return any(kept.count > before for _ in _work_at_hand(job, set_path, text, view_count))
 
 
 def judge(job: Job, set_path: Path) -> inspecting.PartInspection:
@@ -542,7 +543,7 @@ def judge(job: Job, set_path: Path) -> inspecting.PartInspection:
     """
     file, kept = load_view_set(set_path), _kept(set_path)
     _kept.cache_clear()
-    _parsed.cache_clear()
+    _work_at_hand.cache_clear()
     pictures = read_pictures(set_path, file, kept)
     judging = Judging(file.recipe, set_path, set_path, file.learned)
     return judge_views(file, context(job).part, pictures, judging, kept)
@@ -555,5 +556,11 @@ def _kept(set_path: Path) -> inspecting.Kept:
 
 
 @lru_cache(maxsize=1)
-def _parsed(set_path: Path, text: str) -> ViewSetFile:
-    return parse_view_set(set_path, text)
+def _work_at_hand(job: Job, set_path: Path, text: str, view_count: int) -> Iterator[None]:
+    """Return the work on some views; it goes on where its last piece ended.
+
+    A view's pictures at its pose are large, and live from its first comparison to its last.
+    """
+    file = parse_view_set(set_path, text)
+    judging = Judging(file.recipe, set_path, set_path, file.learned)
+    return stored_ahead(file, context(job).part, judging, _kept(set_path), view_count)
