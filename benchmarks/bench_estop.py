@@ -33,7 +33,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from runs_stand_ins import World
+from kill_world import ask
 
 from controller.cell.batch import assemble, product_of
 from controller.cell.compute import Compute, Job, context
@@ -109,7 +109,7 @@ async def press_doors(
     args: argparse.Namespace, ready: dict[str, Any], control: Path, folder: Path
 ) -> list[dict[str, float | None]]:
     """Home, open the door, let the cell stop, close the door: as often as asked for."""
-    rng, world = random.Random(args.seed), World(control)
+    rng = random.Random(args.seed)
     job = Job(RECIPE, CELL)
     about = context(job)
     cell = about.cell
@@ -140,9 +140,9 @@ async def press_doors(
                     wires.seen.clear()
                     running = asyncio.create_task(batch.dispatcher.run())
                     await clock.sleep(rng.uniform(0.3, 4.0))
-                    await world("door", closed=False)
+                    await asyncio.to_thread(ask, control, "door", closed=False)
                     outcome = await running
-                    await world("door", closed=True)
+                    await asyncio.to_thread(ask, control, "door", closed=True)
                     journal.close()
                     faults = [r for r in read_rows(path, run) if r.name == "fault"]
                     assert outcome.code == "guard_closed", outcome
@@ -150,7 +150,6 @@ async def press_doors(
                     await clock.sleep(REST_S)
             finally:
                 await devices.aclose()
-                await world.aclose()
     clock.close()
     return found
 

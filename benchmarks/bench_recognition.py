@@ -1,8 +1,7 @@
 """How right, how exact and how quick recognition is, on pictures that this project did not make.
 
 python benchmarks/bench_recognition.py [--json] [--set FOLDER...] [--parts PATH...] [--held-out]
-    [--lights backlit front lo-backlit lo-front] [--rivals] [--explain FOLDER] [--keep FOLDER]
-    [--times | --library 1000 [--library-dir FOLDER]] [--checkout FOLDER] [--lamps 3]
+    [--lights backlit front lo-backlit lo-front] [--keep FOLDER] [--checkout FOLDER] [--lamps 3]
     [--without PART...]
 
 Drives `cellctl recognise` as its users do, a process for the pictures of one light, held to one
@@ -19,10 +18,8 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -44,21 +41,18 @@ from recognition_judge import (  # noqa: E402
     read_things,
     reliability,
 )
-from recognition_library import make_library  # noqa: E402
 from recognition_parts import cad_files, read_mesh  # noqa: E402
 from recognition_runs import (  # noqa: E402
-    CELLCTL,
     Run,
     calibrate,
     from_truth,
     recognise_command,
-    rival_command,
     run,
     smaller,
     stable_poses,
 )
 from recognition_symmetry import Surface  # noqa: E402
-from recognition_tables import TARGETS, print_costs, print_lights  # noqa: E402
+from recognition_tables import TARGETS, print_lights  # noqa: E402
 from shared_files import SHARED  # noqa: E402  (path set above)
 
 LIGHTS = {
@@ -69,7 +63,6 @@ LIGHTS = {
 }
 LIGHTING = {"back": "backlit", "front": "front"}
 OURS = "cellctl"
-REPEATS = 3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -174,8 +167,6 @@ class Bench:
             command = recognise_command(images, parts, camera, LIGHTING[mode])
             if self.lamps(light) > 1:
                 command += ["--lamps", str(self.lamps(light))]
-        else:
-            command = rival_command(who, images, parts, camera, LIGHTING[mode])
         return run(
             command,
             one_core=not self._args.all_cores,
@@ -238,12 +229,11 @@ def rates(bench: Bench, args: argparse.Namespace) -> tuple[dict[str, Any], dict[
     """Return a set's figures by light and method, and the verdicts behind them."""
     result: dict[str, Any] = {}
     verdicts: dict[str, dict[str, list[Verdict]]] = {}
-    methods = [OURS, *(("masks", "moments") if args.rivals else ())]
     for light in args.lights:
         images = bench.pictures.of(light)
         if not images or LIGHTS[light][0] not in bench.pictures.cameras:
             continue
-        for who in methods:
+        for who in (OURS,):
             told = bench.answers(who, light, images)
             bench.keep(who, light, told)
             scenes = images[:: bench.lamps(light)]
@@ -254,11 +244,9 @@ def rates(bench: Bench, args: argparse.Namespace) -> tuple[dict[str, Any], dict[
                 "pictures": len(images),
                 "costs": bench.costs(told, scenes),
             }
-        if args.explain is not None:
-            explain(bench, light, result[light][OURS]["failures"], args.explain)
     small = [verdicts[light] for light in ("lo-backlit", "lo-front") if light in verdicts]
     if len(small) == 2:
-        both = {who: [v for of in small for v in of[who]] for who in methods}
+        both = {who: [v for of in small for v in of[who]] for who in (OURS,)}
         verdicts["lo"] = both
         result["lo"] = {who: described(found, args.held_out) for who, found in both.items()}
     return result, verdicts
@@ -278,87 +266,6 @@ def described(found: list[Verdict], with_held_out: bool) -> dict[str, Any]:
     return body
 
 
-def explain(bench: Bench, light: str, rows: list[dict[str, Any]], folder: Path) -> None:
-    """Have the failing pictures explained, where the command can do that."""
-    names = sorted({row["image"] for row in rows})
-    said = subprocess.run(
-        [*CELLCTL, "recognise", "--help"],
-        cwd=bench.checkout,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if not names or "--explain" not in said.stdout:
-        return
-    into = (folder / f"{bench.pictures.name}_{light}").resolve()
-    into.mkdir(parents=True, exist_ok=True)
-    images = [image for image in bench.pictures.of(light) if image.name in names]
-    size, mode = LIGHTS[light]
-    command = recognise_command(
-        images, bench.pictures.parts, bench.pictures.cameras[size][0], LIGHTING[mode]
-    )
-    told = run([*command, "--explain", str(into)], one_core=False, checkout=bench.checkout)
-    if told.error:
-        print(f"--explain: {told.error}", file=sys.stderr)
-
-
-def times(bench: Bench, args: argparse.Namespace) -> dict[str, Any]:
-    """Return what a picture with one part takes, each several times over in one process."""
-    result: dict[str, Any] = {}
-    methods = [OURS, *(("masks", "moments") if args.rivals else ())]
-    for light in args.lights:
-        images = bench.pictures.of(light, kinds=("single",))
-        for who in methods if images else ():
-            told = bench.answers(who, light, [i for i in images for _ in range(REPEATS)])
-            each: dict[str, float] = {}
-            for line in told.lines:
-                each[line["image"]] = each.get(line["image"], 0.0) + float(line["seconds"])
-            result.setdefault(light, {})[who] = {
-                "picture_ms": _ms([s / REPEATS for s in each.values()]),
-                "pictures": len(images),
-                "repeats": REPEATS,
-                "wall_per_picture_ms": 1e3
-                * (told.wall_s - told.start_s)
-                / max(REPEATS * len(images) - 1, 1),
-                "start_s": told.start_s,
-                "peak_mb": told.peak_mb,
-                "cpu_s": told.cpu_s,
-                "error": told.error,
-            }
-    return result
-
-
-def library(bench: Bench, args: argparse.Namespace, scratch: Path) -> dict[str, Any]:
-    """Return rates and costs on pictures with one part, with many parts to choose from."""
-    originals = sorted(cad_files(bench.pictures.parts).values())
-    folder = (args.library_dir or scratch / "library").resolve()
-    # what is compiled for this is kept beside it, and nobody else's is thrown out
-    environment = {"XDG_CACHE_HOME": str(folder / ".cache")}
-    files = make_library(folder, originals, args.library, seed=4)
-    begin = time.perf_counter()
-    subprocess.run(
-        [*CELLCTL, "compile", *map(str, files), "--json"],
-        cwd=bench.checkout,
-        env=os.environ | {"PYTHONPATH": str(bench.checkout)} | environment,
-        stdout=subprocess.DEVNULL,
-        check=False,
-    )
-    result: dict[str, Any] = {"parts": len(files), "compile_s": time.perf_counter() - begin}
-    result["lights"] = {}
-    for light in args.lights:
-        images = bench.pictures.of(light, kinds=("single",))
-        if images:
-            told = bench.answers(OURS, light, images, [folder], environment)
-            bench.keep(f"library_{args.library}", light, told)
-            found = bench.judge(told, images)
-            result["lights"][light] = {
-                **described(found, with_held_out=False),
-                "pictures": len(images),
-                "costs": bench.costs(told, images),
-            }
-    return result
-
-
 def main() -> int:
     args = read_arguments()
     folders = args.set or [SHARED / "images"]
@@ -375,15 +282,10 @@ def main() -> int:
             pictures = without(pictures, args.without)
             bench = Bench(pictures, args, checkout)
             body: dict[str, Any] = {"cameras": {k: how for k, (_, how) in pictures.cameras.items()}}
-            if args.times:
-                body["times"] = times(bench, args)
-            elif args.library:
-                body["library"] = library(bench, args, Path(scratch_name))
-            else:
-                body["lights"], verdicts = rates(bench, args)
-                for light, by_method in verdicts.items():
-                    for who, found in by_method.items():
-                        pooled.setdefault(light, {}).setdefault(who, []).extend(found)
+            body["lights"], verdicts = rates(bench, args)
+            for light, by_method in verdicts.items():
+                for who, found in by_method.items():
+                    pooled.setdefault(light, {}).setdefault(who, []).extend(found)
             result["sets"][pictures.name] = body
     if len(folders) > 1 and pooled:
         result["all_sets"] = {
@@ -397,10 +299,7 @@ def main() -> int:
         print(
             f"== {name}: camera {', '.join(f'{k} by {how}' for k, how in body['cameras'].items())}"
         )
-        if "lights" in body:
-            print_lights(body["lights"])
-        else:
-            print_costs(body.get("times"), body.get("library"))
+        print_lights(body["lights"])
     if "all_sets" in result:
         print("== all sets together")
         print_lights(result["all_sets"])
@@ -418,12 +317,7 @@ def read_arguments() -> argparse.Namespace:
     parser.add_argument("--lo-calibration", type=Path, help="camera of the small pictures")
     parser.add_argument("--lights", nargs="+", choices=tuple(LIGHTS), default=list(LIGHTS))
     parser.add_argument("--held-out", action="store_true", help="tell every fourth picture apart")
-    parser.add_argument("--rivals", action="store_true", help="the plain methods beside it")
-    parser.add_argument("--explain", type=Path, help="folder for explanations of what failed")
     parser.add_argument("--keep", type=Path, help="folder for the answers themselves")
-    parser.add_argument("--times", action="store_true", help="only how long one part takes")
-    parser.add_argument("--library", type=int, help="only with so many parts to choose from")
-    parser.add_argument("--library-dir", type=Path, help="where that library is, or is to be, kept")
     parser.add_argument("--lamps", type=int, default=1, help="front-lit pictures of one scene")
     parser.add_argument("--without", nargs="+", default=[], help="parts no library has")
     parser.add_argument("--all-cores", action="store_true", help="instead of one")

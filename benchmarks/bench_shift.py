@@ -20,16 +20,18 @@ import contextlib
 import json
 import math
 import os
+import subprocess
 import sys
 import tempfile
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from runs_whole import ask, run_beside
+from kill_world import ask
 from shift_parts import RECIPES, ShiftPart, is_on_table, make_parts, spots_for
 
 from controller.cell.control import AnswerOrder, ControlError, RunningCell
@@ -45,6 +47,47 @@ MOST_CALLS = 20
 MOVED_MM = 3.0  # what was left alone may have been brushed by so much
 COMPUTING = (Use.RECOGNITION, Use.PLANNING, Use.EVALUATION)
 Words = dict[str, Any]
+
+
+def run_beside(
+    command: Sequence[str],
+    log: Path,
+    limit_wall_s: float,
+    person: Callable[[int, threading.Event], None],
+) -> dict[str, Any]:
+    """Make one run with `--json`, and let a person look at it and act all the while.
+
+    Parameters
+    ----------
+    command : of the run
+    log : file for what it prints as errors
+    limit_wall_s : it is killed after so long
+    person : called in a thread of its own, with the run's process id and what is set at its end
+
+    Returns
+    -------
+    the run's result; empty where it printed none
+    """
+    result: dict[str, Any] = {}
+    has_ended = threading.Event()
+    with log.open("w") as errors:
+        process = subprocess.Popen(
+            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True
+        )
+    limit = threading.Timer(limit_wall_s, process.kill)
+    limit.start()
+    beside = threading.Thread(target=person, args=(process.pid, has_ended))
+    beside.start()
+    assert process.stdout is not None
+    for line in process.stdout:
+        body = json.loads(line)
+        if body["event"] == "result":
+            result = body
+    process.wait()
+    has_ended.set()
+    beside.join()
+    limit.cancel()
+    return result
 
 
 class Shift:

@@ -20,6 +20,17 @@ STILL_S = 2.0  # of the world without any motion
 LET_GO = ("released", "lost")
 
 
+def ask(control: Path, do: str, **order: object) -> dict[str, Any]:
+    """Send one order to a control port and return the answer."""
+    with socket.socket(socket.AF_UNIX) as line:
+        line.settimeout(60)
+        line.connect(str(control))
+        with line.makefile("rwb") as file:
+            file.write(json.dumps({"do": do, **order}).encode() + b"\n")
+            file.flush()
+            return dict(json.loads(file.readline()))
+
+
 @dataclass(frozen=True)
 class KillWorld:
     """One emulated cell as a process of its own.
@@ -38,13 +49,7 @@ class KillWorld:
 
     def ask(self, do: str, **order: object) -> dict[str, Any]:
         """Return the answer of the control port."""
-        with socket.socket(socket.AF_UNIX) as line:
-            line.settimeout(60)
-            line.connect(str(self.control))
-            with line.makefile("rwb") as file:
-                file.write(json.dumps({"do": do, **order}).encode() + b"\n")
-                file.flush()
-                answer: dict[str, Any] = json.loads(file.readline())
+        answer = ask(self.control, do, **order)
         assert answer.pop("ok"), answer
         return answer
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import hashlib
 import json
 import sys
 import time
@@ -22,11 +23,9 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit"), str(ROOT / "benchmarks")]
+sys.path.insert(0, str(ROOT))
 
-from bench_planning import digest  # noqa: E402  (path set above)
-
-from controller.cad import StablePose  # noqa: E402
+from controller.cad import StablePose  # noqa: E402  (path set above)
 from controller.cad.compiled import load_part  # noqa: E402
 from controller.cell.compute import part_files  # noqa: E402
 from controller.config import load_cell, load_recipe  # noqa: E402
@@ -46,6 +45,32 @@ LIKELY = 0.03
 OF_THE_PART = ("solid", "samples", "shape")  # what the planner is given; meshes have no digest
 # shares of the drop area, and a turn [rad]: its middle, and a place that is none in particular
 PLACES = ((0.5, 0.5, 0.0), (0.83, 0.21, 2.0))
+
+
+def digest(thing: object) -> str:
+    """Return a hash of every bit of a plan: fields in order, arrays as they are."""
+    found = hashlib.sha256()
+
+    def put(x: object) -> None:
+        if dataclasses.is_dataclass(x):
+            found.update(type(x).__name__.encode())
+            for f in dataclasses.fields(x):
+                put(getattr(x, f.name))
+        elif isinstance(x, np.ndarray):
+            found.update(f"{x.dtype}{x.shape}".encode() + np.ascontiguousarray(x).tobytes())
+        elif isinstance(x, Mapping):
+            for key, value in x.items():
+                found.update(str(key).encode())
+                put(value)
+        elif isinstance(x, tuple | list):
+            found.update(f"[{len(x)}".encode())
+            for item in x:
+                put(item)
+        else:
+            found.update(repr(x).encode())
+
+    put(thing)
+    return found.hexdigest()[:16]
 
 
 def unworded(thing: object) -> object:

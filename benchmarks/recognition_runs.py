@@ -23,7 +23,6 @@ from recognition_parts import cad_files
 
 ROOT = Path(__file__).resolve().parents[1]
 CELLCTL = (sys.executable, "-m", "controller.cli")
-RIVALS = (sys.executable, str(ROOT / "benchmarks" / "recognition_rivals.py"))
 TIMEOUT_S = 3600.0
 
 
@@ -147,18 +146,6 @@ def recognise_command(
     ]
 
 
-def rival_command(
-    method: str, images: Sequence[Path], parts: Sequence[Path], calibration: Path, lighting: str
-) -> list[str]:
-    """Return the command of a method to compare with."""
-    return [
-        *(*RIVALS, "--method", method),
-        *map(str, images),
-        *("--parts", *map(str, parts)),
-        *("--calibration", str(calibration), "--lighting", lighting),
-    ]
-
-
 def stable_poses(parts: Sequence[Path], checkout: Path = ROOT) -> dict[str, list[np.ndarray]]:
     """Return the orientations of the parts' stable poses, as `cellctl compile` numbers them."""
     files = cad_files(parts).values()
@@ -201,24 +188,10 @@ def calibrate(folder: Path, into: Path) -> dict[str, tuple[Path, str]]:
         if said.returncode == 0 and result.is_file():
             made[name] = (result, "cellctl calibrate camera")
         elif name == "hi":
-            made[name] = (_by_opencv(folder, result), "OpenCV on the boards: no calibrate command")
+            raise SystemExit(f"{folder}: {said.stderr.strip()}")
         else:
             made[name] = smaller(*made["hi"], result)
     return made
-
-
-def _by_opencv(folder: Path, result: Path) -> Path:
-    from bench_views import calibrate as fit_boards
-
-    camera, _ = fit_boards(folder)
-    body = {
-        "size_px": [int(n) for n in camera.size_px],
-        "K": camera.K.tolist(),
-        "distortion": camera.distortion.tolist(),
-        "T_world_cam": camera.T_world_cam.tolist(),
-    }
-    result.write_text(json.dumps(body))
-    return result
 
 
 def smaller(large: Path, how: str, result: Path) -> tuple[Path, str]:

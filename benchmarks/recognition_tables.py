@@ -27,7 +27,6 @@ TARGETS: dict[str, dict[str, Any]] = {
         "angle_asymmetric_deg": (0.5, 1.5),
         "unknown_called_unknown": 0.90,
     },
-    "time": {"one_part_ms": 40.0, "library_1000_ms": 120.0, "peak_mb": 500.0},
 }
 RATES = (
     ("right part", "right_part"),
@@ -57,9 +56,6 @@ def print_lights(lights: dict[str, Any]) -> None:
         if all(bodies.values()):
             print("-- " + aside.replace("_", " "))
             _print_figures(bodies)
-    rivals = sorted({who for by in lights.values() for who in by} - {"cellctl"})
-    if rivals:
-        _print_rivals(lights, rivals)
     for light, by in lights.items():
         if light != "lo":
             _print_behind(light, by["cellctl"])
@@ -104,23 +100,6 @@ def _error(value: dict[str, float] | None, target: tuple[float, float] | None, d
     return text + ("!" if misses else " ")
 
 
-def _print_rivals(lights: dict[str, Any], rivals: list[str]) -> None:
-    print("-- beside others       right part  right pose  unknown  position mm     ms one object")
-    for light, by in lights.items():
-        ours = (by["cellctl"].get("costs") or {}).get("one_object_ms")
-        for who in ["cellctl", *rivals]:
-            b = by[who]
-            took = (b.get("costs") or {}).get("one_object_ms")
-            ms = "-" if took is None else f"{took['median']:.1f}"
-            if took is not None and ours is not None and who != "cellctl":
-                ms += f" ({took['median'] / ours['median']:.2f} x)"
-            print(
-                f"{light:11} {who:10} {_rate(b['right_part'], None):>10}"
-                f" {_rate(b['right_pose'], None):>11} {_rate(b['unknown_called_unknown'], None):>8}"
-                f"  {_error(b['position_mm'], None, 2):14}  {ms:>16}"
-            )
-
-
 def _print_behind(light: str, body: dict[str, Any]) -> None:
     print(f"-- {light}: {', '.join(f'{k} {n}' for k, n in body['tally'].items())}", end="")
     print(f"; {body['ambiguous_answers']} answers name alternatives")
@@ -155,31 +134,3 @@ def _print_behind(light: str, body: dict[str, Any]) -> None:
             f"   {row['image']}: {row['kind']}{also}: {row['truth'] or 'nothing'} answered as "
             f"{row['answer'] or 'nothing'}, score {score}{off}{reason}"
         )
-
-
-def print_costs(times: dict[str, Any] | None, library: dict[str, Any] | None) -> None:
-    """Print how long one part takes, or how it goes with many parts to choose from."""
-    for light, by in (times or {}).items():
-        ours = by["cellctl"]["picture_ms"]
-        for who, b in by.items():
-            took = b["picture_ms"]
-            if took is None:
-                print(f"{light:11} {who:10} no answers: {b['error']}")
-                continue
-            ratio = (
-                f", {took['median'] / ours['median']:.2f} x" if who != "cellctl" and ours else ""
-            )
-            print(
-                f"{light:11} {who:10} median {took['median']:.1f} ms, p95 {took['p95']:.1f} ms"
-                f"{ratio}; wall {b['wall_per_picture_ms']:.1f} ms a picture, start "
-                f"{b['start_s']:.1f} s, peak {b['peak_mb']:.0f} MB ({b['pictures']} pictures, "
-                f"{b['repeats']} times)"
-            )
-    if library is not None:
-        print(
-            f"{library['parts']} parts to choose from, compiled in {library['compile_s']:.0f} s; "
-            "pictures of one part"
-        )
-        _print_figures(library["lights"])
-        for light, body in library["lights"].items():
-            _print_behind(light, body)

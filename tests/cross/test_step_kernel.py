@@ -1,7 +1,4 @@
-"""Our solids, surfaces and line drawings against the STEP kernel's, on parts made elsewhere.
-
-A reduced form of benchmarks/bench_step.py.
-"""
+"""Our solids, surfaces and line drawings against the STEP kernel's, on parts made elsewhere."""
 
 from __future__ import annotations
 

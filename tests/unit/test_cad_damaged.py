@@ -1,4 +1,4 @@
-"""Damaged CAD files give a typed error or a right answer; the long run is bench_damaged.py."""
+"""Damaged CAD files give a typed error or a right answer."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from planning_cell import emulated_layout
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-from bench_planning import digest
+from plan_digests import digest
 from planning_checker import check
 from planning_contacts import (
     Checker,

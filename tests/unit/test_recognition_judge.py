@@ -32,7 +32,6 @@ from recognition_judge import (
     read_things,
     reliability,
 )
-from recognition_library import make_library
 from recognition_runs import run, smaller
 from recognition_symmetry import Surface
 
@@ -338,23 +337,6 @@ def test_the_small_camera_sees_points_where_the_small_pictures_have_them(tmp_pat
     # a small pixel covers 5 x 4 large ones; pixel 0's centre is at 0 in both
     expected = [(u + 0.5) / 5 - 0.5, (v + 0.5) / 4 - 0.5, 1.0]
     assert np.array(json.loads(small.read_text())["K"]) @ ray == pytest.approx(expected)
-
-
-def test_a_library_starts_with_its_originals_and_is_the_same_again(tmp_path: Path) -> None:
-    originals = [tmp_path / "plate.stl", tmp_path / "l.stl"]
-    for file in originals:
-        made(file.stem).export(file)
-    once, again = (make_library(tmp_path / n, originals, 12, seed=1) for n in ("one", "two"))
-    assert [f.name for f in once[:2]] == ["plate.stl", "l.stl"]
-    assert len({f.name for f in once}) == 12
-    assert [f.read_bytes() for f in once] == [f.read_bytes() for f in again]
-    meshes = [trimesh.load(f) for f in once]
-    assert all(mesh.is_watertight and mesh.volume > 0 for mesh in meshes)  # mirrored ones too
-    stretched = np.array([m.extents for m in meshes[2::2]]) / meshes[0].extents
-    assert stretched.min() >= 0.8 - 1e-6
-    assert stretched.max() <= 1.25 + 1e-6
-    with pytest.raises(ValueError, match="originals already"):
-        make_library(tmp_path / "three", originals, 1, seed=1)
 
 
 @pytest.mark.slow

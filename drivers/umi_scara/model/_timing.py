@@ -32,8 +32,8 @@ class UmiTiming:
     """Speeds and fixed times of a move; the forecast is as good as these.
 
     They are fitted to the emulated arm over its wire, between what it takes in real time and ten
-    times as fast (benchmarks/fit_timing.py). A real arm wants timing once: no source vouches for
-    umi_rtx.md 5.7.
+    times as fast (a study of 2026-11-22, kept in git history). A real arm wants timing once: no
+    source vouches for umi_rtx.md 5.7.
 
     Attributes
     ----------

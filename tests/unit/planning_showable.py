@@ -16,11 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-from planning_contacts import Checker, finger_boxes, frames, joints_for  # noqa: E402
-from planning_sight import (  # noqa: E402
+from planning_contacts import Checker, finger_boxes, frames, joints_for
+from planning_sight import (
     LIFT_MM,
     VisibilityRules,
     blocked,
@@ -29,8 +28,8 @@ from planning_sight import (  # noqa: E402
     pixels_of,
 )
 
-from controller.cad import Solid, SurfaceSamples  # noqa: E402
-from controller.planning import CellLayout, Grasp  # noqa: E402
+from controller.cad import Solid, SurfaceSamples
+from controller.planning import CellLayout, Grasp
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -1,7 +1,7 @@
 """Judges plans: does each view show what it says, does every piece of surface have its reason.
 
 Shares no code with `controller.planning`, whose dataclasses it reads: own kinematics and contacts
-(tests/unit/planning_contacts.py), own exact sight lines (planning_sight), own search for views of
+(planning_contacts), own exact sight lines (benchmarks/planning_sight.py), own search for views of
 what a plan leaves unseen (planning_showable).
 """
 
@@ -16,16 +16,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit"), str(ROOT / "benchmarks")]
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-from planning_checker import Moment, follow  # noqa: E402
-from planning_contacts import finger_boxes, frames  # noqa: E402
-from planning_showable import Class, Evidence, Showable  # noqa: E402
-from planning_sight import Seen, VisibilityRules, box_triangles, in_sight  # noqa: E402
+from planning_checker import Moment, follow
+from planning_contacts import finger_boxes, frames
+from planning_showable import Class, Evidence, Showable
+from planning_sight import Seen, VisibilityRules, box_triangles, in_sight
 
-from controller.cad import Solid, SurfaceSamples  # noqa: E402
-from controller.planning import (  # noqa: E402
+from controller.cad import Solid, SurfaceSamples
+from controller.planning import (
     CellLayout,
     Grasp,
     Jaw,
