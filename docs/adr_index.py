@@ -21,13 +21,15 @@ One page for each decision that somebody might question: what was needed, what w
 which figures, what was decided, and what follows. `own-code.md` has the libraries that were weighed
 against code of our own.
 
-A record keeps what was known when it was written. Where a later one takes its place, in whole or in
-part, its status says so. No record had the numbers {gaps}: they were set aside while several
-records were in work at the same time, and not used.
+A record states what holds today, with the options that lost and their figures. Where several were
+about one thing, one took in the others: their numbers stand in its status, and git has their texts.
+No record had the numbers {gaps}: they were set aside while several records were in work at the
+same time, and not used.
 
 | ADR | decision | since | status |
 |---|---|---|---|
 """
+TAKEN_IN = re.compile(r"\bTakes in ([\d, and]+)\.")
 TOCTREE = """
 ```{toctree}
 :hidden:
@@ -41,7 +43,7 @@ own-code
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """A decision: its number, file, title, status, date, and what of it was replaced."""
+    """A decision: its number, file, title, status, date, and a note on what it replaced."""
 
     number: int
     file: str
@@ -49,6 +51,12 @@ class Record:
     status: str
     date: str
     note: str
+
+    @property
+    def taken_in(self) -> list[int]:
+        """Numbers of the records that this one replaces whole."""
+        found = TAKEN_IN.search(self.note)
+        return [int(number) for number in re.findall(r"\d+", found[1])] if found else []
 
 
 def records() -> Iterator[Record]:
@@ -72,9 +80,17 @@ def records() -> Iterator[Record]:
 
 
 def page() -> str:
-    """Return docs/adr/index.md."""
+    """Return docs/adr/index.md.
+
+    Raises
+    ------
+    ValueError : a record has another's number, or two took in the same one
+    """
     found = list(records())
-    missing = sorted(set(range(1, found[-1].number)) - {one.number for one in found})
+    known = [number for one in found for number in (one.number, *one.taken_in)]
+    if twice := sorted({number for number in known if known.count(number) > 1}):
+        raise ValueError(f"each number stands for one record: {twice} for several")
+    missing = sorted(set(range(1, found[-1].number)) - set(known))
     gaps = f"{', '.join(map(str, missing[:-1]))} and {missing[-1]}"
     rows = "".join(
         f"| {one.number} | [{one.title}]({one.file}) | {one.date} | "

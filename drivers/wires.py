@@ -3,7 +3,7 @@
 A driver is handed a `Wires` with its site and gives each wire one tap. The tap sees every byte,
 and may answer in the device's place. `turn` is called before a caller gets a line that several
 share: a recording keeps the order, and its playback holds a caller back until it is due, since
-which of two that are ready goes first is chance (docs/adr/0046-wires.md). Knows no device.
+which of two that are ready goes first is chance (ADR 46). Knows no device.
 """
 
 from collections.abc import Callable

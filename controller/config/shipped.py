@@ -1,7 +1,7 @@
 """Find the files of cellctl itself (recipes, parts, the emulated cell), and a project's recipe.
 
 The folder `recipes` lies beside the package `controller`, in a checkout as in site-packages
-(ADR 21), so that every command works in any folder.
+(ADR 112), so that every command works in any folder.
 """
 
 from pathlib import Path

@@ -47,6 +47,17 @@ def test_a_record_without_a_status_is_named(
         adr_index.page()
 
 
+def test_a_number_that_two_records_took_in_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in (3, 4):
+        text = f"# {number}. Why\n\nStatus: accepted, 2026-01-31. Takes in 1 and 2.\n"
+        (tmp_path / f"{number:04d}-why").with_suffix(DOT_MD).write_text(text, encoding="utf-8")
+    monkeypatch.setattr(adr_index, "FOLDER", tmp_path)
+    with pytest.raises(ValueError, match=r"\[1, 2\]"):
+        adr_index.page()
+
+
 def test_a_part_without_text_does_not_count() -> None:
     text = "# 1. Why\n\n## Context\n\nA cell.\n\n## Options weighed\n\n## Decision\n\nThis.\n"
     assert parts_of(text) == ["Context", "Decision"]

@@ -3,7 +3,7 @@
 An arm has six joints; a configuration is a row q (6,) in rad and mm. Poses are in the arm's own
 frame: origin on the floor of the cell, z up; `CellLayout.T_world_arm` says where that is. The
 TCP's x axis is the approach, its y axis the one that the jaws move along. An arm's model stands
-beside its driver, which knows nothing of this module: it fits by its shape (ADR 27). It is a
+beside its driver, which knows nothing of this module: it fits by its shape (ADR 25). It is a
 dataclass of numbers and arrays, by which cached plans are found again.
 """
 

@@ -1,6 +1,6 @@
 """Grasps: jaws that close on the exact part, and a hold as compliant pads give it.
 
-A rigid friction grasp of a physics engine creeps and twists; docs/adr/0002-grip-model.md says what
+A rigid friction grasp of a physics engine creeps and twists; ADR 2 says what
 is done instead. A finger pushes a part at rest along; once both pads are on it, it is eased
 into the seat that `pads` finds on the exact mesh and is then carried by the gripper, until the jaws
 open, the load is too much for the area that touches, or another gripper tears it away.
