@@ -1,4 +1,4 @@
-"""The page: the cell in a browser, served by a process of its own (ADR 68, 76).
+"""The page: the cell in a browser, served by a process of its own (ADR 68).
 
 It reads the journal and acts on the cell through its control socket. `app.py` lists the screens,
 `frame` has their shared code, `security` the access control, `serving.py` the server. The extra

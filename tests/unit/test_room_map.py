@@ -90,7 +90,7 @@ def test_a_purpose_has_no_citation_and_does_not_repeat_the_name(tmp_path: Path) 
     room = tmp_path / "polishing"
     room.mkdir()
     text = (
-        '"""The polishing: `burrs` -> edges, from a process of its own (ADR 68, 76).\n\nMore."""\n'
+        '"""The polishing: `burrs` -> edges, from a process of its own (ADR 67, 68).\n\nMore."""\n'
     )
     (room / "__init__.py").write_text(text, encoding="utf-8")
     purpose = "Burrs \N{RIGHTWARDS ARROW} edges, from a process of its own"

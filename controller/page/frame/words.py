@@ -5,7 +5,7 @@ own for the rest. ``pybabel compile -d controller/page/SCREEN/catalogues -D page
 after a change (`frame` for the shared one).
 
 The cell's own sentences are in a catalogue beside the shared one (``-D cell``): alarms, questions
-with their choices, steps, motions (ADR 85), names of faces and characteristics, reasons of verdicts
+with their choices, steps, motions, names of faces and characteristics, reasons of verdicts
 (ADR 87). The cell writes them in English, with names and figures filled in; in the catalogue these
 are blanks, as in ``place in tray {tray}``, and a text is looked up by the entry that it matches.
 The content of a blank depends on its name:
