@@ -89,7 +89,7 @@ class HiddenEvidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Counted:
-    """The points by which coverage is counted; views are chosen by others (ADR 57, 64).
+    """The points by which coverage is counted; views are chosen by others (ADR 57).
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Points by which views are chosen, and points that count the result (ADR 57, 64).
+"""Points by which views are chosen, and points that count the result (ADR 57).
 
 Views are chosen from tables of every direction and grasp, which allow fewer points: some
 millimetres apart, and closer in bores and pockets, where few directions show anything. Blind spots

@@ -1,4 +1,4 @@
-"""A second choice of views, for spots that the first leaves blind between its samples (ADR 64).
+"""A second choice of views, for spots that the first leaves blind between its samples (ADR 57).
 
 The search chooses grasps and views by some thousand samples, from tables of every direction. Blind
 spots of these views, on points a millimetre or so apart, are found at the poses of the views, and
