@@ -284,7 +284,7 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
         for work in WORK
         if work != RESETTING
     ),
-    # An open door holds the run and does not end it (ADR 101); homing begins anew then.
+    # An open door holds the run and does not end it (ADR 38); homing begins anew then.
     *(
         (event, (state_of(work, source),), state_of(work, target))
         for event, source, target in (

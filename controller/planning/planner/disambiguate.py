@@ -4,7 +4,7 @@ A part may be ambiguous to recognition: its mirror twin, or a pose that looks al
 part is taken with a grasp that holds under every hypothesis; the cheapest view that separates the
 hypotheses comes first, and the plan continues by its result. If it is the planned part, the plan
 just goes on; if it is that part in another pose, a new plan starts from the arm gripper; another
-part, or one that is still ambiguous, goes to the quarantine tray (ADR 12).
+part, or one that is still ambiguous, goes to the quarantine tray (ADR 39).
 """
 
 from __future__ import annotations
