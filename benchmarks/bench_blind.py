@@ -5,7 +5,7 @@
     python benchmarks/bench_blind.py --faults output disk --stages homing --events door
 
 `cellctl run` on real wires, on an emulated cell whose time waits for nobody (``--wall-clock``, ADR
-99). Once the run is in a stage, and a random moment later, something makes the controller late;
+14). Once the run is in a stage, and a random moment later, something makes the controller late;
 ``--lead`` later comes an event that must stop the arm. Counted is from that event to the last bit
 of the first stop that each board of the arm has heard, on the clock of the cell and as the emulator
 heard it (verb ``arm_stops``); for SIGSTOP, from it to the loss of motor power.
@@ -400,7 +400,7 @@ def main() -> int:
         type=float,
         default=1.0,
         metavar="SECONDS",
-        help="of the I/O block, in the motors' supply (ADR 100); 0: none",
+        help="of the I/O block, in the motors' supply (ADR 98); 0: none",
     )
     parser.add_argument(
         "--lead", type=float, default=LEAD_S, metavar="SECONDS", help="from the fault to the event"

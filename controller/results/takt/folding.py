@@ -39,7 +39,7 @@ class PartTakt:
     late_wall_s : for how long the controller itself was late [wall s]; within the seconds above
     is_done : True if it is in its tray
     is_planned_ahead : its plan was made while the arm still had the part before it
-    is_counted : this run has its record (ADR 96)
+    is_counted : this run has its record (ADR 37)
     """
 
     number: int

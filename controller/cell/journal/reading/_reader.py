@@ -86,7 +86,7 @@ def read_rows_counted(path: Path, names: Sequence[str]) -> Iterator[Row]:
     """Yield the rows of some names, of all runs, in order; one run alone supplies each part.
 
     A part that went on in a later run has its rows in both. Those of the run that has its record
-    count (ADR 96).
+    count (ADR 37).
 
     Raises
     ------
@@ -99,7 +99,7 @@ def read_rows_counted(path: Path, names: Sequence[str]) -> Iterator[Row]:
 
 
 def records_elsewhere(path: Path) -> frozenset[tuple[str, int | None]]:
-    """Return runs and numbers of parts whose record is in another run (ADR 96).
+    """Return runs and numbers of parts whose record is in another run (ADR 37).
 
     Raises
     ------

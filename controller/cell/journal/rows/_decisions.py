@@ -172,7 +172,7 @@ class PartFollowed(Body):
 def has_record(
     followed: PartFollowed | None, resumed: PartResumed | None, *, is_custody_known: bool
 ) -> bool:
-    """Return whether a run has the record of a part, rather than an earlier or later run (ADR 96).
+    """Return whether a run has the record of a part, rather than an earlier or later run (ADR 37).
 
     Parameters
     ----------

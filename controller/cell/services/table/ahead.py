@@ -1,4 +1,4 @@
-"""The next part, chosen and planned while the arm still has the one before it (ADR 74).
+"""The next part, chosen and planned while the arm still has the one before it (ADR 81).
 
 Objects that are left alone stay in place. So the next part can be planned from the last look at the
 table, by a worker process of its own. Nothing moves by such a plan before a fresh look has
