@@ -1,4 +1,4 @@
-"""The light in some pixels: one ray each, many where it jumps; ADR 3.
+"""The light in some pixels: one ray each, many where it jumps; ADR 43.
 
 Pixels whose light jumps to the next one get many rays, so that an edge covers as much of a pixel
 as it does in truth. Blocks that no edge crosses are filled from the light at their corners.

@@ -1,4 +1,4 @@
-"""Pictures by ray casting: a sensor's light, without noise; ADR 3.
+"""Pictures by ray casting: a sensor's light, without noise; ADR 43.
 
 A picture is a sum over lamps. Static objects are painted once per camera and lamp; for a picture,
 only the pixels that moving objects or their shadows may touch are painted again.

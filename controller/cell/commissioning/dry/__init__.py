@@ -1,4 +1,4 @@
-"""Dry runs: the motions of a recipe without its part (ADR 51).
+"""Dry runs: the motions of a recipe without its part (ADR 45).
 
 `lifting.py` raises a plan's motions off everything, `session.py` drives them in a visit.
 """

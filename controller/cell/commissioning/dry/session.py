@@ -1,4 +1,4 @@
-"""A dry run: all motions of a recipe's plan, lifted, slow, grippers open, no part (ADR 51).
+"""A dry run: all motions of a recipe's plan, lifted, slow, grippers open, no part (ADR 45).
 
 It is a visit, as a step of commissioning is one, and so it has journal, locks, interlocks,
 watchers, gate, permit and stops; it has no cycle, no cameras and no verdict.
