@@ -34,6 +34,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from bench import Arguments, note, show
 from blind_disk import FLAG_VARIABLE, FOLDER_VARIABLE, build_shim
 from kill_world import ROOT, KillWorld, kill_world
 
@@ -388,54 +389,31 @@ def drawn(args: argparse.Namespace) -> list[tuple[str, str, str, int]]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(
+        __doc__, trials=1, faults=["gc"], stages=["moving"], events=["stop"], seed=13
+    )
     parser.add_argument("--trials", type=int, default=6)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--all", action="store_true", help="every combination once")
     parser.add_argument("--faults", nargs="+", choices=FAULTS, default=list(FAULTS)[1:])
     parser.add_argument("--stages", nargs="+", choices=STAGES, default=list(STAGES))
     parser.add_argument("--events", nargs="+", choices=EVENTS, default=list(EVENTS))
-    parser.add_argument(
-        "--watchdog",
-        type=float,
-        default=1.0,
-        metavar="SECONDS",
-        help="of the I/O block, in the motors' supply (ADR 98); 0: none",
-    )
-    parser.add_argument(
-        "--lead", type=float, default=LEAD_S, metavar="SECONDS", help="from the fault to the event"
-    )
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--watchdog", type=float, default=1.0, metavar="SECONDS",
+                        help="of the I/O block (ADR 98); 0: none")  # fmt: skip
+    parser.add_argument("--lead", type=float, default=LEAD_S, metavar="SECONDS",
+                        help="from the fault to the event")  # fmt: skip
     args = parser.parse_args()
     trials: list[Trial] = []
-    row = "{:9} {:9} {:8} {:>9} {:>9}  {}"
-    if not args.json:
-        print(row.format("late by", "stage", "event", "stop s", "power s", ""), flush=True)
     for fault, stage, event, seed in drawn(args):
-        trial = try_it(fault, stage, event, seed, args.watchdog, args.lead)
-        trials.append(trial)
-        if not args.json:
-            shown = [
-                "never" if s is None else f"{s:.3f}" for s in (trial.stop_s, trial.power_off_s)
-            ]
-            print(row.format(fault, stage, event, *shown, trial.problem), flush=True)
+        trials.append(try_it(fault, stage, event, seed, args.watchdog, args.lead))
+        note(asdict(trials[-1]))
     good = [one for one in trials if not one.problem]
     sums = {
         fault: summed(group)
         for fault in args.faults
         if (group := [one for one in good if one.fault == fault])
     }
-    if args.json:
-        print(json.dumps({"faults": sums, "trials": [asdict(one) for one in trials]}))
-    else:
-        print(
-            f"\n{'late by':9} {'n':>3} {'never':>5} {'p50':>7} {'p99':>7} {'max':>7} {'asked':>6}"
-        )
-        for fault, s in sums.items():
-            print(
-                f"{fault:9} {s['trials']:3} {s['never']:5} {s['p50_s']:7.3f} {s['p99_s']:7.3f} "
-                f"{s['max_s']:7.3f} {s['asked_s']:6.1f}  {'met' if s['is_met'] else 'MISSED'}"
-            )
+    show(args, [asdict(one) for one in trials], sums)
     is_met = len(good) == len(trials) and all(one["is_met"] for one in sums.values())
     return 0 if is_met else 1
 

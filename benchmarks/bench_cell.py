@@ -10,7 +10,6 @@ controller thinks it placed and that lies elsewhere counts as dropped silently.
     python benchmarks/bench_cell.py --json                one JSON object at the end
 """
 
-import argparse
 import json
 import os
 import socket
@@ -26,10 +25,10 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from bench import ROOT, Arguments, note, show
 from trace_held_defects import DEFECTS, NoPlaceError, as_built, with_defect
 from trace_held_parts import read_held_part, triangles_of
 
-ROOT = Path(__file__).parents[1]
 RECIPES = ("featuretype", "flange_xy", "idler_riser")
 RUN_LIMIT_S = 1500.0
 SLIVER_MM = 0.002
@@ -175,23 +174,8 @@ def make_twins(
     return made
 
 
-def table(trials: list[Trial]) -> str:
-    lines = [
-        f"{'recipe':12} {'what':14} {'seed':>4} {'pose':>4} {'end':9} {'verdict':13} {'tray':10} "
-        f"{'truth':10} {'seen':>6} {'views':>5} {'wall s':>7}  message"
-    ]
-    for t in trials:
-        seen = "" if t.covered is None else f"{100 * t.covered:.1f}%"
-        lines.append(
-            f"{t.recipe:12} {t.what:14} {t.seed:>4} {t.pose if t.pose is not None else '':>4} "
-            f"{t.end:9} {t.verdict or '':13} {t.tray or '':10} {t.true_tray or '':10} {seen:>6} "
-            f"{t.views:>5} {t.wall_s:>7.1f}  {t.message[:110]}"
-        )
-    return "\n".join(lines)
-
-
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, recipes=["holder"], places=1)
     parser.add_argument("--recipes", nargs="+", default=list(RECIPES))
     parser.add_argument("--places", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=100)
@@ -201,7 +185,6 @@ def main() -> int:
         help="as-built twins instead, good and with these defects; all: every kind",
     )  # fmt: skip
     parser.add_argument("--runs", type=Path, default=None)
-    parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     trials: list[Trial] = []
     with tempfile.TemporaryDirectory(prefix="cellbench") as scratch:
@@ -218,10 +201,8 @@ def main() -> int:
                 (recipe, args.first_seed + i, path, kind) for i, (kind, path) in enumerate(twins)
             ]
         for recipe, seed, lay, what in jobs:
-            trial = one_run(recipe, seed, args.speed, lay, what, runs)
-            trials.append(trial)
-            if not args.json:
-                print(table([trial]).splitlines()[1], flush=True)
+            trials.append(one_run(recipe, seed, args.speed, lay, what, runs))
+            note(asdict(trials[-1]))
     good = [t for t in trials if t.what in ("perfect", "as_built")]
     bad = [t for t in trials if t not in good]
     summary = {
@@ -239,13 +220,8 @@ def main() -> int:
         "speed": args.speed,
         "cores": os.cpu_count(),
     }
-    if args.json:
-        print(json.dumps(summary | {"rows": [asdict(t) for t in trials]}))
-    else:
-        print()
-        print(table(trials))
-        print("  ".join(f"{k} {v}" for k, v in summary.items()))
-    return 0
+    show(args, [asdict(t) for t in trials], summary)
+    return int(bool(summary["false_fail"] or summary["wrong_pass"] or summary["dropped_silently"]))
 
 
 if __name__ == "__main__":

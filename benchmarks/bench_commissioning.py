@@ -18,7 +18,6 @@ drew the cell, which no wire tells. Errors are those that matter, and no frame h
     python benchmarks/bench_commissioning.py --seeds 200 --folder DIR   # judge what is there
 """
 
-import argparse
 import json
 import math
 import subprocess
@@ -30,6 +29,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from bench import Arguments, note, show
 from numpy.typing import NDArray
 
 from controller.config import EMULATED_CELL, load_cell
@@ -236,28 +236,6 @@ def run_recipe(recipe: str, cell: Path, seed: int, folder: Path, speed: float) -
     return {"recipe": recipe, "rc": done.returncode, "last": last, "error": done.stderr[-300:]}
 
 
-def table(rows: Sequence[Mapping[str, Any]]) -> None:
-    print(
-        f"{'seed':>6} {'rc':>3} {'wall s':>7}  "
-        + "  ".join(f"{what} p95 [mm deg]" for what in WHATS)
-    )
-    for row in rows:
-        cells = []
-        for what in WHATS:
-            one = row.get("errors", {}).get(what)
-            cells.append(
-                "       -        "
-                if one is None
-                else f"{np.percentile(one['mm'], 95):8.3f} {np.percentile(one['deg'], 95):7.3f}"
-            )
-        print(
-            f"{row['seed']:>6} {row['rc']!s:>3} {row['wall_s']!s:>7}  "
-            + "  ".join(cells)
-            + f"  trays {max(row.get('errors', {}).get('trays', {}).get('mm', [math.nan])):.2f} mm"
-            + f"  u {row.get('errors', {}).get('stated')}"
-        )
-
-
 def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     out: dict[str, Any] = {"seeds": len(rows), "verified": sum(r["rc"] == 0 for r in rows)}
     for what in WHATS:
@@ -281,15 +259,14 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return out
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", required=True, help="A or A-B")
+def main() -> int:
+    parser = Arguments(__doc__, seeds="8", speed=20.0)
+    parser.add_argument("--seeds", default="1001", help="A or A-B")
     parser.add_argument("--cell", type=Path, default=EMULATED_CELL)
     parser.add_argument("--folder", type=Path, help="judge what is there: FOLDER/SEED, or FOLDER")
     parser.add_argument("--out", type=Path, help="keep what was found here, a folder per seed")
     parser.add_argument("--runs", default="", help="recipes to run on each commissioned cell")
     parser.add_argument("--speed", type=float, default=10.0)
-    parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     first, _, last = args.seeds.partition("-")
     rows = []
@@ -311,13 +288,11 @@ def main() -> None:
                     if one
                 ]
             rows.append(row)
-            if not args.json:
-                table(rows[-1:])
-    if args.json:
-        print(json.dumps({"rows": rows, "summary": summary(rows)}))
-    else:
-        print(summary(rows))
+            note({key: row[key] for key in ("seed", "rc", "wall_s")})
+    told = summary(rows)
+    show(args, rows, told)
+    return int(told["verified"] != told["seeds"])
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -8,20 +8,18 @@ largest difference of a face above 50 mm2, the faces that keep either from a PAS
 seconds of prediction and judging.
 """
 
-import argparse
 import sys
 import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
+from bench import Arguments, need_sets, note, show
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT)]
-
-from controller.config.view_set import load_view_set  # noqa: E402  (path set above)
-from controller.inspection import (  # noqa: E402
+from controller.config.view_set import load_view_set
+from controller.inspection import (
     HeldView,
     InspectionLimits,
     PartSettings,
@@ -30,8 +28,8 @@ from controller.inspection import (  # noqa: E402
     inspect_part,
     predict_pictures,
 )
-from controller.stored.judging import compiled_part, read_pictures  # noqa: E402
-from controller.stored.view_set import build_view_set, planned_samples  # noqa: E402
+from controller.stored.judging import compiled_part, read_pictures
+from controller.stored.view_set import build_view_set, planned_samples
 
 LARGE_MM2 = 50.0
 
@@ -44,8 +42,8 @@ def labels(ledger: PartVerdict) -> Mapping[int, str]:
     return {f.face_id: f.label for f in ledger.faces if f.face_id in ledger.short_faces}
 
 
-def compare(path: Path) -> tuple[float, float]:
-    """Print the line of one set; return its share compared, forecast and found."""
+def compare(path: Path) -> dict[str, Any]:
+    """Return what was forecast of one set and what was found, as shares."""
     file = load_view_set(path)
     part = compiled_part(path, file)
     asked = 3.0 if file.recipe is None else file.recipe.inspection.smallest_defect_mm
@@ -66,25 +64,31 @@ def compare(path: Path) -> tuple[float, float]:
         if a.area_mm2 >= LARGE_MM2
     )
     before, after = labels(told).keys(), labels(found).keys()
-    short = f"{len(before & after)} in both, {len(before - after)}, {len(after - before)}"
-    print(
-        f"{path.parent.name:44} forecast {told.compared_fraction:6.1%} compared "
-        f"{found.compared_fraction:6.1%}; face most off {off[1]} by {off[0]:.0%}; short faces "
-        f"{short} in one alone; {made - begin:.1f} + {done - made:.1f} s",
-        flush=True,
-    )
-    return told.compared_fraction, found.compared_fraction
+    row = {
+        "set": path.parent.name,
+        "forecast": told.compared_fraction,
+        "compared": found.compared_fraction,
+        "face most off": off[1],
+        "by": off[0],
+        "short faces: in both": len(before & after),
+        "forecast alone": len(before - after),
+        "found alone": len(after - before),
+        "predict s": made - begin,
+        "judge s": done - made,
+    }
+    note(row)
+    return row
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("sets", nargs="+", type=Path, metavar="SET")
+    parser = Arguments(__doc__)
+    parser.add_argument("sets", nargs="*", type=Path, metavar="SET")
+    args = parser.parse_args()
+    need_sets(args.sets, "a whole run of cellctl")
     cv2.setNumThreads(1)
-    pairs = [compare(path) for path in parser.parse_args().sets]
-    worst = max(abs(a - b) for a, b in pairs)
-    print(f"{len(pairs)} parts: forecast and compared differ by {100 * worst:.1f} points at most")
+    rows = [compare(path) for path in args.sets]
+    worst = max(abs(row["forecast"] - row["compared"]) for row in rows)
+    show(args, rows, {"parts": len(rows), "most off": worst})
     return 0
 
 

@@ -31,11 +31,8 @@ from typing import Any, TypeVar
 import manifold3d
 import numpy as np
 import trimesh
+from bench import ROOT, Arguments, show
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
-
-SHARED_PARTS = ROOT.parent / "shared" / "parts"
 Result = TypeVar("Result")
 LOADS = 15
 LIMITS = {"compile_s": 5.0, "load_ms": 20.0, "rss_mb": 500.0}
@@ -277,49 +274,10 @@ def _growth(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return told
 
 
-def show_parts(rows: list[dict[str, Any]]) -> None:
-    print(
-        "part                       triangles surfaces poses compile s  (cpu s)  load ms  (cpu ms)"
-        "  file MB  RSS MB"
-    )
-    for r in rows:
-        if "refused" in r:
-            print(f"{r['part']:26} refused: {r['refused'][:110]}")
-            continue
-        print(
-            f"{r['part']:26} {r['triangles']:9} {r['surfaces']:8} {r['poses']:5} "
-            f"{r['compile_s']:9.2f} {r['compile_cpu_s']:8.2f} {r['load_ms']:8.1f} "
-            f"{r['load_cpu_ms']:9.1f} {r['file_mb']:8.1f} {r['rss_mb']:7.0f}"
-            f"{'' if r['within'] else '   over'}"
-        )
-    print("asked: compile < 5 s (14k triangles: 10 s), load < 20 ms, RSS < 500 MB")
-
-
-def show_growth(families: list[dict[str, Any]]) -> None:
-    for one in families:
-        print(f"\n{one['family']:10}" + "".join(f"{stage:>10}" for stage in STAGES) + "     total")
-        for r in one["rows"]:
-            if "seconds" not in r:
-                print(f"{r['asked']:10}  {r.get('failed') or f'''over {r['over_s']:g} s'''}")
-                continue
-            cells = "".join(f"{r['seconds'][stage]:10.3f}" for stage in STAGES)
-            print(
-                f"{r['triangles']:10}{cells}{r['total_s']:10.2f}"
-                f"   {r['surfaces']} surfaces, {r['poses']} poses, {r['rss_mb']} MB"
-            )
-        if one["growth"]:
-            stages = one["growth"]["stages"]
-            for key, name in (("exponent", "exponent"), ("of_n_log_n", "/ n log n")):
-                cells = "".join(
-                    f"{stages[s][key]:10.2f}" if s in stages else f"{'-':>10}"
-                    for s in (*STAGES, "total")
-                )
-                print(f"{name:>10}{cells}")
-
-
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true")
+    parser = Arguments(
+        __doc__, parts=[ROOT / "recipes" / "parts" / "holder.stl"], growth=[1_000, 10_000]
+    )
     parser.add_argument("--parts", nargs="*", type=Path)
     parser.add_argument("--growth", nargs="*", type=int, default=list(GROWTH))
     parser.add_argument("--only", choices=("parts", "growth"))
@@ -337,26 +295,18 @@ def main() -> int:
         print(json.dumps(row))
         return 0
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as a worker process has it
-    found: dict[str, Any] = {"cpus": os.cpu_count(), "load_average": os.getloadavg()[0]}
+    rows: list[dict[str, Any]] = []
+    figures: dict[str, Any] = {"load": os.getloadavg()[0], "asked of a part": LIMITS}
     if args.only != "growth":
-        paths = args.parts
-        if paths is None:
-            paths = sorted(
-                file for file in SHARED_PARTS.glob("*") if file.suffix in {".stl", ".step"}
-            )
-            if not paths:
-                print(f"no parts in {SHARED_PARTS}; name some with --parts", file=sys.stderr)
-        found["parts"] = bench_parts(list(paths))
+        rows += bench_parts(args.parts or sorted((ROOT / "recipes" / "parts").glob("*.stl")))
+        figures["parts within"] = sum(row.get("within", False) for row in rows)
     if args.only != "parts":
-        found["growth"] = bench_growth(args.growth, args.limit_s)
-    if args.json:
-        print(json.dumps(found))
-        return 0
-    print(f"{found['cpus']} processors, load average {found['load_average']:.1f} at the start")
-    if "parts" in found:
-        show_parts(found["parts"])
-    if "growth" in found:
-        show_growth(found["growth"])
+        for one in bench_growth(args.growth, args.limit_s):
+            rows += [{**row, **row.pop("seconds", {})} for row in one["rows"]]
+            figures[f"{one['family']}, of n log n"] = {
+                stage: of["of_n_log_n"] for stage, of in one["growth"].get("stages", {}).items()
+            }
+    show(args, rows, figures)
     return 0
 
 

@@ -1,7 +1,6 @@
 """Is the coverage that a plan states true of the surface? Face by face, on points of its own.
 
 python benchmarks/bench_coverage.py [--parts NAME...] [--files FILE...] [--poses 1] [--seed 1]
-                                    [--json FILE]
 
 Points are drawn at random, by trimesh, and seen or not by planning_sight, which is exact and shares
 no code with the planner. A plan counts what is clear of gripper and arm by 2 mm and of the
@@ -14,7 +13,6 @@ are searched for a free line within the limit by lines all round (`false`). Seco
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from dataclasses import asdict, dataclass, field
@@ -22,16 +20,13 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from bench import Arguments, show
 from numpy.typing import NDArray
-
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit"), str(ROOT / "benchmarks")]
-
-from planning_cell import emulated_layout  # noqa: E402
-from planning_checker import Moment, follow  # noqa: E402
-from planning_contacts import Checker, finger_boxes, frames  # noqa: E402
-from planning_parts import planning_parts, start_poses  # noqa: E402
-from planning_sight import (  # noqa: E402
+from planning_cell import emulated_layout
+from planning_checker import Moment, follow
+from planning_contacts import Checker, finger_boxes, frames
+from planning_parts import planning_parts, start_poses
+from planning_sight import (
     VisibilityRules,
     blocked,
     box_triangles,
@@ -39,9 +34,9 @@ from planning_sight import (  # noqa: E402
     pixels_of,
 )
 
-from controller.cad import Solid, SurfaceSamples, surface_normals  # noqa: E402
-from controller.cad.compiled import CompileOptions, load_part  # noqa: E402
-from controller.planning import (  # noqa: E402
+from controller.cad import Solid, SurfaceSamples, surface_normals
+from controller.cad.compiled import CompileOptions, load_part
+from controller.planning import (
     CellLayout,
     Look,
     NoPlanError,
@@ -313,61 +308,41 @@ def bench(name: str, path: Path, args: argparse.Namespace) -> list[Row]:
     return rows
 
 
-HEAD = (
-    "part                   pose  prep s plan s views stated %  U     true %  reach %  faces  "
-    "error max  p95 over 0.5 %  over bare  hidden false"
-)
-
-
-def line(row: Row) -> str:
-    if row.failure:
-        return f"{row.part:22s} {row.pose:4d}  {row.failure[:100]}"
-    errors = row.errors
-    over = max((f.stated - f.bare for f in row.faces), default=0.0)
-    return (
-        f"{row.part:22s} {row.pose:4d} {row.prepare_s:7.1f} {row.plan_s:6.1f} {row.views:5d} "
-        f"{row.stated:8.2f} {row.stated_uncertainty:5.2f} {row.true:8.2f} {row.reachable:8.2f} "
-        f"{len(row.faces):6d} {errors.max():10.2f} {np.quantile(errors, 0.95):4.2f} "
-        f"{int((errors > 0.5).sum()):10d} {over:10.2f} {row.hidden:7d} {row.false_hidden:5d}"
-    )
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def main() -> int:
+    parser = Arguments(__doc__, parts=["cover_plate"])
     parser.add_argument("--parts", nargs="*", default=None)
     parser.add_argument("--files", nargs="*", type=Path, default=[])
     parser.add_argument("--poses", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--worst", type=int, default=3, help="faces listed per part")
     args = parser.parse_args()
     files = {} if args.parts is None and args.files else planning_parts(args.parts or ())
     files |= {f.name.split(".")[0]: f for f in args.files}
-    print(HEAD)
     rows: list[Row] = []
     for name, path in files.items():
-        for row in bench(name, path, args):
-            rows.append(row)
-            print(line(row), flush=True)
-            for f in sorted(row.faces, key=lambda f: -abs(f.error))[: args.worst]:
-                if abs(f.error) > 0.5:
-                    print(
-                        f"    {f.label}, {f.area_mm2:.1f} mm2: stated {f.stated:.2f}, "
-                        f"true {f.true:.2f}, bare {f.bare:.2f}"
-                    )
+        rows += bench(name, path, args)
     done = [r for r in rows if not r.failure]
+    figures: dict[str, object] = {"parts": len({r.part for r in done})}
     if done:
         errors = np.concatenate([r.errors for r in done])
-        print(
-            f"{len({r.part for r in done})} parts, {len(errors)} faces: |stated - true| mean "
-            f"{errors.mean():.3f} %, largest {errors.max():.2f} %, over 0.5 %: "
-            f"{int((errors > 0.5).sum())}; whole part at most "
-            f"{max(abs(r.stated - r.true) for r in done):.3f} %; false reasons "
-            f"{sum(r.false_hidden for r in done)} of {sum(r.hidden for r in done)}"
-        )
-    if args.json:
-        args.json.write_text(json.dumps([asdict(r) for r in rows], indent=1))
+        figures |= {
+            "faces": len(errors),
+            "|stated - true| of a face, mean %": float(errors.mean()),
+            "largest %": float(errors.max()),
+            "faces over 0.5 %": int((errors > 0.5).sum()),
+            "of a whole part at most %": max(abs(r.stated - r.true) for r in done),
+            "false reasons": sum(r.false_hidden for r in done),
+            "reasons asked": sum(r.hidden for r in done),
+        }
+    show(args, [row_of(r) for r in rows], figures)
+    return 0
+
+
+def row_of(row: Row) -> dict[str, object]:
+    """Return one part in one pose as a table has it, with its face that is most off."""
+    told = {key: value for key, value in asdict(row).items() if key != "faces"}
+    worst = max(row.faces, key=lambda f: abs(f.error), default=None)
+    return told if worst is None else told | {"worst face": worst.label, "off %": worst.error}
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

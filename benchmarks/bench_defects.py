@@ -8,15 +8,15 @@ is what was found.
     python benchmarks/bench_defects.py [--json] [--parts tee_bracket] [--defects "pit 8 mm"]
 """
 
-import argparse
-import json
 import sys
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
 import manifold3d
 import numpy as np
 import trimesh
+from bench import Arguments, note, show
 from inspection_scenes import ROOT, Held, Station, judged_views
 from numpy.typing import NDArray
 
@@ -211,37 +211,24 @@ def run_one(held: Held, name: str, seed: int) -> dict[str, Any] | None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, parts=["tee_bracket"], defects=["pit 8 mm"])
     parser.add_argument("--parts", nargs="+", default=list(HELD_OUT))
     parser.add_argument("--defects", nargs="+", default=list(DEFECTS))
     parser.add_argument("--seed", type=int, default=101)
-    parser.add_argument("--json", action="store_true", help="one JSON object")
     args = parser.parse_args()
     rows = []
     for part in args.parts:
         held = Held.load(FOLDER / f"{part}.csg.yaml")
         for name in args.defects:
             row = run_one(held, name, args.seed)
-            if row is None:
-                continue
-            rows.append(row)
-            if not args.json:
-                print(
-                    f"{row['part']:14}{name:24}{row['verdict']:15}{row['findings']:3} findings, "
-                    f"{row['counted']:.0%} ({row['counted_lit']:.0%} lit) of {row['samples']} "
-                    f"samples counted; {row['views_failed']} views failed; {row['why'][:90]}",
-                    flush=True,
-                )
+            if row is not None:
+                rows.append(row)
+                note(row)
     passed = [r for r in rows if r["verdict"] == "pass"]
-    summary = {
-        "defects": len(rows),
-        "fail": sum(r["verdict"] == "fail" for r in rows),
-        "indeterminate": sum(r["verdict"] == "indeterminate" for r in rows),
-        "pass": len(passed),
-        "pass_though_counted": sum(r["counted"] > 0.5 for r in passed),
-    }
-    print(json.dumps({"rows": rows, "summary": summary}) if args.json else summary)
-    return 0
+    wrong = sum(r["counted"] > 0.5 for r in passed)
+    verdicts = Counter(r["verdict"] for r in rows)
+    show(args, rows, {"defects": len(rows), **verdicts, "passed though counted": wrong})
+    return int(bool(wrong))
 
 
 if __name__ == "__main__":

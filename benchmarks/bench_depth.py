@@ -15,18 +15,18 @@ good depth that fails counts against it. The exit code is 1 where less than 95 %
 within U, the median U is above 0.15 mm, a wrong depth passes or a good one fails.
 """
 
-import argparse
-import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import cv2
 import numpy as np
+from bench import Arguments, note, show
 from bench_defects import as_mesh
 from bench_machined_measuring import take_views
 from inspection_scenes import Array, Held, Station, facing
@@ -191,31 +191,27 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, parts=list(PARTS)[:1], seeds=[2000], surfaces=["plain"], off=[0.0])
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--seeds", nargs="+", type=int, default=[2000, 2001])
     parser.add_argument("--surfaces", nargs="+", choices=("machined", "plain"),
                         default=["machined", "plain"])  # fmt: skip
     parser.add_argument("--off", nargs="+", type=float, default=[0.0, WRONG_MM, -WRONG_MM])
     parser.add_argument("--sets", type=Path, help="folder that keeps the pictures")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
     args = parser.parse_args()
     rows = []
     keeper = nullcontext(args.sets) if args.sets else TemporaryDirectory(prefix="depth")
     with keeper as scratch:
-        for name in args.parts:
-            for surfaces in args.surfaces:
-                for seed in args.seeds:
-                    for off_mm in args.off:
-                        folder = Path(scratch).resolve() / f"{name}-{surfaces}-{seed}-{off_mm:g}"
-                        for found in measured(take(name, off_mm, surfaces, seed, folder)):
-                            row = {"part": name, "surfaces": surfaces, "seed": seed,
-                                   "off_mm": off_mm, **row_of(found, off_mm)}  # fmt: skip
-                            rows.append(row)
-                            if not args.json:
-                                show(row)
+        for name, surfaces, seed, off_mm in product(
+            args.parts, args.surfaces, args.seeds, args.off
+        ):
+            folder = Path(scratch).resolve() / f"{name}-{surfaces}-{seed}-{off_mm:g}"
+            for found in measured(take(name, off_mm, surfaces, seed, folder)):
+                row = {"part": name, "surfaces": surfaces, "seed": seed, "off_mm": off_mm}
+                rows.append(row | row_of(found, off_mm))
+                note(rows[-1])
     told = summary(rows)
-    print(json.dumps({"rows": rows, "summary": told}) if args.json else told)
+    show(args, rows, told)
     is_held = (
         (told["inside_U"] or 0.0) >= MIN_INSIDE
         and told["median_U_mm"] <= MAX_U_MM
@@ -223,18 +219,6 @@ def main() -> int:
         and not told["good_failed"]
     )
     return int(not is_held)
-
-
-def show(row: dict[str, Any]) -> None:
-    """Print one depth."""
-    value = (
-        "no value" if row["error_mm"] is None else f"{row['error_mm']:+.3f} mm, U {row['U_mm']:.3f}"
-    )
-    print(
-        f"{row['part']:9}{row['surfaces']:9}{row['seed']:5} {row['off_mm']:+.1f} "
-        f"{row['id'][:34]:35}{value:24}{row['verdict']:15}{row['reason'][:110]}",
-        flush=True,
-    )
 
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ call to the last bit of each board's first dead stop.
 
 import argparse
 import asyncio
-import json
 import logging
 import multiprocessing
 import os
@@ -33,6 +32,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench import EMULATED, ROOT, Arguments, show
 from kill_world import ask
 
 from controller.cell.batch import assemble, product_of
@@ -47,14 +47,10 @@ from controller.setup.layout import build_layout
 from drivers.errors import DeviceError
 from drivers.kinds import Signal, Stop
 from drivers.umi_scara import Axis, UmiScara, WireExchange
+from simulation.cell import Scene, SimulatedCell
+from simulation.loop import SimulatedLoop
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
-
-from simulation.cell import Scene, SimulatedCell  # noqa: E402  (path set above)
-from simulation.loop import SimulatedLoop  # noqa: E402
-
-RECIPE, CELL = ROOT / "recipes/holder.yaml", ROOT / "recipes/cells/emulated.yaml"
+RECIPE, CELL = ROOT / "recipes/holder.yaml", EMULATED
 DEAD_STOP = "24 ->"  # umi_rtx.md 2.3
 WRITES = (5, 6, 15, 16)
 FUNCTION_AT = 7  # in a Modbus TCP frame, behind its header
@@ -214,12 +210,11 @@ def on_real_wires(args: argparse.Namespace, folder: Path) -> list[dict[str, floa
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, line=20)
     parser.add_argument("--presses", type=int, default=100)
     parser.add_argument("--busy", type=int, default=2, help="processes that compute meanwhile")
     parser.add_argument("--line", type=int, default=0, metavar="N", help="the arm's line alone")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
@@ -228,25 +223,15 @@ def main() -> int:
             found = stop_motions(args.line, args.seed, folder)
         else:
             found = on_real_wires(args, folder)
-    table = {}
+    table = []
     for wire in found[0]:
         ms = np.array([one[wire] for one in found if one[wire] is not None], dtype=float)
-        table[wire] = {
-            "presses": len(found),
-            "halted": len(ms),
-            **{
-                f"p{q}_ms": round(float(np.quantile(ms, q / 100)), 2) if len(ms) else None
-                for q in (50, 99, 100)
-            },
+        quantiles = {
+            f"p{q} ms": float(np.quantile(ms, q / 100)) if len(ms) else None for q in (50, 99, 100)
         }
-    if args.json:
-        print(json.dumps({"bench": "estop", "wires": table, "busy": args.busy}))
-        return 0
-    print(f"{'wire':18} {'presses':>7} {'halted':>7} {'p50 ms':>8} {'p99':>8} {'max':>8}")
-    for wire, one in table.items():
-        print(f"{wire:18} {one['presses']:7} {one['halted']:7} {one['p50_ms'] or 0:8.2f} "
-              f"{one['p99_ms'] or 0:8.2f} {one['p100_ms'] or 0:8.2f}")  # fmt: skip
-    return 0
+        table.append({"wire": wire, "presses": len(found), "halted": len(ms), **quantiles})
+    show(args, table, {"stops": len(found), "busy processes": 0 if args.line else args.busy})
+    return int(any(row["halted"] != row["presses"] for row in table))
 
 
 if __name__ == "__main__":

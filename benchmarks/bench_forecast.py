@@ -15,7 +15,6 @@ the steps by their kind.
 """
 
 import argparse
-import json
 import logging
 import subprocess
 import sys
@@ -25,14 +24,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench import ROOT, Arguments, show
 
 from controller.cell.journal import Row, read_rows
-
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
-
-from simulation.case import Case, run_case  # noqa: E402  (path set above)
-from simulation.cell import PLACES, Scene  # noqa: E402
+from simulation.case import Case, run_case
+from simulation.cell import PLACES, Scene
 
 RECIPES = ("holder", "featuretype", "flange_xy", "idler_riser", "widget")
 
@@ -143,34 +139,24 @@ def summary(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, simulate=1, recipes=["holder"])
     parser.add_argument("runs", type=Path, nargs="?", help="folder of runs")
     parser.add_argument("--make", type=int, default=0, metavar="N", help="make so many runs first")
     parser.add_argument("--simulate", type=int, default=0, metavar="N", help="simulate so many")
     parser.add_argument("--recipes", nargs="+", default=RECIPES)
     parser.add_argument("--seed", type=int, default=5001)
     parser.add_argument("--speed", type=float, default=1.0)
-    parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         runs = args.runs or Path(scratch)
         make_runs(runs, args)
         parts = simulate(runs, args) if args.simulate else parts_of(runs)
-    total = summary(parts)
-    if args.json:
-        steps = steps_by_kind(parts)
-        print(json.dumps({"bench": "forecast", "parts": parts, "summary": total, "steps": steps}))
-        return 0
-    for one in parts:
-        print(
-            f"{one['run'][-30:]:30} part {one['part']}: forecast {one['forecast_s']:6.1f} s, took "
-            f"{one['took_s']:6.1f} s, {one['ratio']:.2f}, {one['recoveries']} recoveries, "
-            f"{one['speed_reached']:.1f}x"
-        )
-    for name, value in total.items():
-        print(f"{name:20} {value}")
-    for kind, count, forecast_s, excess_s in steps_by_kind(parts):
-        print(f"{kind:20} {count:4}  forecast {forecast_s:6.2f} s, took {excess_s:+.2f} s")
+    steps = {
+        f"{kind} ({count})": f"forecast {forecast_s:.2f} s, took {excess_s:+.2f} s"
+        for kind, count, forecast_s, excess_s in steps_by_kind(parts)
+    }
+    show(args, [{k: v for k, v in one.items() if k != "steps"} for one in parts],
+         steps | summary(parts))  # fmt: skip
     return 0
 
 

@@ -8,9 +8,7 @@ to the folder named, to become a file of the corpus and a test. ``--keep`` adds 
 reached new code, small and few.
 """
 
-import argparse
 import contextlib
-import json
 import os
 import re
 import shutil
@@ -20,7 +18,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
+from bench import ROOT, Arguments, need_module, note, show
+
 FUZZ = ROOT / "tests" / "fuzz"
 CORPUS = FUZZ / "corpus"
 KEPT_COUNT = 24  # files of one target in the corpus, the shortest of those that reach new code
@@ -122,37 +121,30 @@ def _keep(corpus: Path, kept: Path) -> None:
             shutil.copy(one, kept / f"{one.name[:16]}")
 
 
-def main() -> None:
-    sys.path[:0] = [str(ROOT), str(FUZZ)]
+def main() -> int:
+    need_module("atheris")
+    sys.path.insert(0, str(FUZZ))
     from fuzz_targets import TARGETS
 
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("targets", nargs="*", choices=[*TARGETS, []], help="default: all")
+    parser = Arguments(__doc__, targets=["arm_reply", "picture"], seconds=10)
+    parser.add_argument("targets", nargs="*", help=f"default: all of {', '.join(TARGETS)}")
     parser.add_argument("--seconds", type=int, default=600, help="of each target")
     parser.add_argument("--runs", type=int, default=1_000_000, help="of each target")
     parser.add_argument("--keep", action="store_true", help="add to the corpus")
     parser.add_argument("--found", type=Path, default=Path("fuzz-found"), help="for findings")
-    parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     args.found.mkdir(parents=True, exist_ok=True)
     rows = []
-    if not args.json:
-        print(f"{'target':16} {'runs':>9} {'s':>5} {'edges':>6} {'MB':>5}  finding")
     for name in args.targets or TARGETS:
         row = fuzz(name, args.seconds, args.runs, args.keep, args.found.resolve())
-        rows.append(row)
-        if not args.json:
-            print(
-                f"{name:16} {row['runs']:9,} {row['seconds']:5} {row['edges']:6} "
-                f"{row['memory_mb']:5}  {row['finding']}",
-                flush=True,
-            )
+        rows.append({"target": name, **row})
+        note(rows[-1])
     with contextlib.suppress(OSError):
         args.found.rmdir()
-    if args.json:
-        print(json.dumps(rows))
-    sys.exit(any(row["finding"] for row in rows))
+    findings = sum(bool(row["finding"]) for row in rows)
+    show(args, rows, {"executions": sum(row["runs"] for row in rows), "findings": findings})
+    return int(findings > 0)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

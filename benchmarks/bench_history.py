@@ -9,8 +9,6 @@ its own, with rows as long as those of a run, by the seconds that a part takes. 
 is a database server's, whose tables of cellctl are made anew.
 """
 
-import argparse
-import json
 import random
 import statistics
 import sys
@@ -21,6 +19,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+from bench import Arguments, show
 from sqlalchemy import Connection
 
 from controller.cell.journal import JOURNAL_NAME, Journal, rows
@@ -310,11 +309,10 @@ def emptied(url: str) -> Store:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, parts=2_000, filled=10)
     parser.add_argument("--parts", type=int, default=100_000)
     parser.add_argument("--filled", type=int, default=200)
     parser.add_argument("--url")
-    parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -326,24 +324,13 @@ def main() -> int:
         began = time.perf_counter()
         exported = export(store, Filters(recipe="holder"), folder / "holder.csv", folder)
         asked[f"export {exported:,} rows as CSV"] = 1000 * (time.perf_counter() - began)
-        file = store.file
-        size = file.stat().st_size / 1e6 if file else None
+        size = store.file.stat().st_size / 1e6 if store.file else None
         store.close()
         if args.url:
             emptied(args.url).close()
         filled = filling(folder, args.filled, args.url)
-    result = {
-        "parts": args.parts, "store_mb": size, "stocked_s": stocked_s, "questions_ms": asked,
-        "filled_parts": args.filled, "filling": filled,
-    }  # fmt: skip
-    if args.json:
-        print(json.dumps(result))
-        return 0
-    print(f"{args.parts:,} parts, store {size or 0:.0f} MB, written in {stocked_s:.0f} s")
-    for what, ms in asked.items():
-        print(f"  {what:32} {ms:9.1f} ms")
-    for what, value in filled.items():
-        print(f"  {what:32} {value:9.1f}")
+    rows = [{"question": what, "ms": ms} for what, ms in asked.items()]
+    show(args, rows, {"parts": args.parts, "store MB": size, "stocked s": stocked_s, **filled})
     return 0
 
 

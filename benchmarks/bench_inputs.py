@@ -10,8 +10,6 @@ are those of computing, which other processes do not lengthen; the clock's stand
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import sys
 import tempfile
@@ -19,7 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "unit"))
+from bench import Arguments, note, show
 from wrong_inputs import ROWS, Row, cost_of, lay_out
 
 MAX_S = 5.0
@@ -27,27 +25,19 @@ MAX_MB = 200.0
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Arguments(__doc__, only="empty")
     parser.add_argument("--only", default="", help="rows whose name holds this")
-    parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
-    rows = [measure(row) for row in ROWS if args.only in row.name]
+    rows = []
+    for row in ROWS:
+        if args.only in row.name:
+            rows.append(measure(row))
+            note(rows[-1])
     failed = [row["name"] for row in rows if row["wrong"]]
-    worst = {key: max(row[key] for row in rows) for key in ("seconds", "cpu_s", "peak_mb")}
-    if args.json:
-        print(json.dumps({"rows": rows, "worst": worst, "failed": failed}))
-        return 1 if failed else 0
-    print("code  clock s  CPU s  peak MB  input; what is said")
-    for row in rows:
-        print(
-            f"{row['code']:4} {row['seconds']:8.1f} {row['cpu_s']:6.1f} {row['peak_mb']:8.0f}  "
-            f"{row['name']}{'  WRONG: ' + row['wrong'] if row['wrong'] else ''}\n"
-            f"{'':32}{row['said'].splitlines()[-1][:100] if row['said'] else '(nothing)'}"
-        )
-    print(
-        f"{len(rows)} rows, {len(failed)} wrong; at most {worst['seconds']:.1f} s by the clock, "
-        f"{worst['cpu_s']:.1f} s of computing, {worst['peak_mb']:.0f} MB"
-    )
+    worst = {
+        f"most {key}": max(row[key] for row in rows) for key in ("seconds", "cpu_s", "peak_mb")
+    }
+    show(args, rows, {**worst, "inputs": len(rows), "wrong": failed})
     return 1 if failed else 0
 
 

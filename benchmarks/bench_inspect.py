@@ -26,13 +26,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-import cv2  # noqa: E402  (path comes first)
-import numpy as np  # noqa: E402
-from inspection_rivals import Score, best_line, ellipse_diameters, scores  # noqa: E402
-from inspection_truth import Compared, Judged, judged, lower_limit, upper_limit  # noqa: E402
+import cv2
+import numpy as np
+from bench import ROOT, Arguments, need_sets
+from inspection_rivals import Score, best_line, ellipse_diameters, scores
+from inspection_truth import Compared, Judged, judged, lower_limit, upper_limit
 
 Words = dict[str, Any]
 TIMEOUT_S = 900
@@ -246,10 +244,9 @@ def print_tables(told: Words, rivals: Words | None) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("held", type=Path, metavar="HELD")
+    parser = Arguments(__doc__)
+    parser.add_argument("held", type=Path, nargs="?", metavar="HELD")
     parser.add_argument("--dev", type=Path, help="where rivals draw their lines")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.add_argument("--jobs", type=int, default=1, help="processes at once")
     parser.add_argument("--only", type=lambda s: s.split(","), default=[], help="classes or kinds")
     parser.add_argument("--limit", type=int, default=0, help="of specimens")
@@ -257,6 +254,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--recipe", help="given to the command")
     parser.add_argument("--out", type=Path, help="the command's lines are added to it")
     args = parser.parse_args(argv)
+    need_sets([args.held] if args.held else [], "trace_held.py")
     cv2.setNumThreads(1)
     try:
         held = Sets(args.held, args.only, args.limit)

@@ -9,9 +9,7 @@ written once more, each as safely as it was, into a new journal on the disk of -
 takes is set against the forecast of the parts that were done.
 """
 
-import argparse
 import asyncio
-import json
 import sqlite3
 import sys
 import tempfile
@@ -21,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench import Arguments, show
 
 from controller.cell.custody import read_folded
 from controller.cell.journal import (
@@ -134,41 +133,19 @@ async def _write_again(path: Path, of_run: Sequence[Row]) -> list[tuple[float, b
     return times
 
 
-def print_overheads(found: Sequence[dict[str, Any]]) -> None:
-    print(f"{'run':34} {'rows':>5} {'sec.':>5} {'ms':>6} {'max':>6} {'s':>7} {'cycle':>7} share")
-    for one in found:
-        print(
-            f"{one['run'][-34:]:34} {one['rows']:5} {one['secured']:5} "
-            f"{one['secured_ms_median']:6.2f} {one['secured_ms_max']:6.1f} {one['write_s']:7.3f} "
-            f"{one['cycle_s']:7.1f} {one['share']:.3%}"
-        )
-
-
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, rows=[1_000])
     parser.add_argument("--rows", type=int, nargs="+", default=[1_000, 10_000, 100_000])
-    parser.add_argument("--json", action="store_true")
     parser.add_argument("--overhead", type=Path, metavar="RUNS", help="folder of runs")
     parser.add_argument("--folder", type=Path, help="disk to write on (default: that of RUNS)")
     args = parser.parse_args()
     if args.overhead is not None:
         found = overheads(args.overhead, args.folder or args.overhead)
-        if args.json:
-            print(json.dumps({"bench": "journal overhead", "runs": found}))
-        else:
-            print_overheads(found)
+        show(args, found, {"runs": len(found)})
         return 0 if found else 1
     with tempfile.TemporaryDirectory() as folder:
         measured = [measure(count, Path(folder)) for count in args.rows]
-    if args.json:
-        print(json.dumps({"bench": "journal", "journals": measured}))
-        return 0
-    print(f"{'rows':>8} {'MB':>8} {'check s':>8} {'custody s':>9} {'open s':>8}")
-    for one in measured:
-        print(
-            f"{one['rows']:8} {one['megabytes']:8.1f} {one['check_s']:8.3f} "
-            f"{one['custody_s']:9.3f} {one['open_s']:8.3f}"
-        )
+    show(args, measured, {"a start checks rows in s": measured[-1]["check_s"]})
     return 0
 
 

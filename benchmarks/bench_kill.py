@@ -9,8 +9,6 @@ is the world's own word (its control port); what the controllers believed is in 
 the record is counted: the one part of the world is one part in the history, with its tray.
 """
 
-import argparse
-import json
 import os
 import random
 import signal
@@ -21,6 +19,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from bench import Arguments, note, show
 from kill_world import KillWorld, kill_world, lines_of, start
 
 from controller.cell.journal import first_flaw, read_rows
@@ -148,10 +147,9 @@ def _part(truth: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, seeds="101")
     parser.add_argument("--seeds", default="1-25", help="first and last seed")
     parser.add_argument("--speed", type=float, default=10.0)
-    parser.add_argument("--json", action="store_true")
     parser.add_argument("--until", type=float, default=float("inf"), metavar="S",
                         help="begin no further kill after so many seconds")  # fmt: skip
     args = parser.parse_args()
@@ -163,25 +161,18 @@ def main() -> int:
             break
         with tempfile.TemporaryDirectory() as folder:
             outcomes.append(kill_at(seed, args.speed, Path(folder)))
-        if not args.json:
-            one = outcomes[-1]
-            words = "ok" if one["ok"] else "NOT OK"
-            rest = {k: v for k, v in one.items() if k not in ("seed", "ok", "states", "journal")}
-            print(f"{seed:3} {words}: {rest}", flush=True)
+        note(outcomes[-1])
     tally = Counter(f"{one['held_by']} -> {one['tray'] or one['end']}" for one in outcomes)
     summary = {
-        "kills": len(outcomes),
-        "ok": sum(one["ok"] for one in outcomes),
         "statements_right": sum(one["stated_right"] for one in outcomes),
         "dropped": sum(one["dropped"] for one in outcomes),
         "counted_once": sum(one["counted"] == one["listed"] == 1 for one in outcomes),
         "released_twice": sum(one["released_count"] > 1 for one in outcomes),
         "ended": dict(tally),
+        "kills": len(outcomes),
+        "ok": sum(one["ok"] for one in outcomes),
     }
-    if args.json:
-        print(json.dumps({"bench": "kill", "summary": summary, "kills": outcomes}))
-    else:
-        print(summary)
+    show(args, outcomes, summary)
     return 0 if summary["ok"] == summary["kills"] else 1
 
 

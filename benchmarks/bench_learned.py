@@ -10,7 +10,6 @@ as learning says nothing of them. Nothing of the judged pieces is known to what 
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
@@ -18,16 +17,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT)]
+import cv2
+import numpy as np
+from bench import Arguments, need_sets, show
 
-import cv2  # noqa: E402  (the path comes first)
-import numpy as np  # noqa: E402
-
-from controller.cad.compiled import CompiledPart  # noqa: E402
-from controller.config import ConfigError  # noqa: E402
-from controller.config.view_set import load_view_set  # noqa: E402
-from controller.inspection import (  # noqa: E402
+from controller.cad.compiled import CompiledPart
+from controller.config import ConfigError
+from controller.config.view_set import load_view_set
+from controller.inspection import (
     Appearance,
     GoodPart,
     InspectionLimits,
@@ -37,7 +34,7 @@ from controller.inspection import (  # noqa: E402
     inspect_part,
     learn,
 )
-from controller.stored import build_view_set, compiled_part, read_pictures  # noqa: E402
+from controller.stored import build_view_set, compiled_part, read_pictures
 
 Words = dict[str, Any]
 PLACE_MM = 3.0  # beyond half the defect's size, a finding is elsewhere
@@ -158,11 +155,11 @@ def totals(results: Sequence[Words]) -> Words:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, judge, print; an error becomes one sentence."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folders", nargs="+", type=Path)
+    parser = Arguments(__doc__)
+    parser.add_argument("folders", nargs="*", type=Path)
     parser.add_argument("--learn", type=int, default=8, help="good pieces to learn from")
-    parser.add_argument("--json", action="store_true")
     args = parser.parse_args(argv)
+    need_sets(args.folders, "trace_series.py")
     cv2.setNumThreads(1)
     try:
         results = [of_series(folder, args.learn, quiet=args.json) for folder in args.folders]
@@ -170,17 +167,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"bench_learned: {error}", file=sys.stderr)
         return 2
     summed = totals(results)
-    if args.json:
-        print(json.dumps({"series": results, "totals": summed}))
-        return 0
-    print(f"\n{summed['good']} good pieces, {summed['defects_shown']} shown defects")
-    for how in ("cold", "learned"):
-        for key, value in summed[how].items():
-            print(f"  {how:8} {key:22} {value}")
-    for one in results:
-        print(f"{one['series']}: {one['part']}, learned from {one['learned_from']} in "
-              f"{one['learn_s']} s, left out {one['left_out']}")  # fmt: skip
-    return 0
+    rows = [
+        {
+            "how": how,
+            "good": summed["good"],
+            "defects shown": summed["defects_shown"],
+            **summed[how],
+        }
+        for how in ("cold", "learned")
+    ]
+    show(args, rows, {"series": results} if args.json else {})
+    return int(any(row["good_failed"] or row["defects_passed"] for row in rows))
 
 
 if __name__ == "__main__":

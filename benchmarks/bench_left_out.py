@@ -13,8 +13,6 @@ are taken out, so that they stop no PASS. Of the good parts told is what they co
 only these are judged.
 """
 
-import argparse
-import json
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -24,6 +22,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
+from bench import Arguments, note, show
 from bench_defects import as_mesh
 from bench_machined_measuring import take_views
 from inspection_scenes import Held, Station
@@ -195,12 +194,11 @@ def write_recipe(path: Path, required: str, left_out: str) -> Path:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, cases=list(CASES)[:1])
     parser.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES))
     parser.add_argument("--seeds", nargs="+", type=int, default=[1])
     parser.add_argument("--good", action="store_true", help="judge good parts alone")
     parser.add_argument("--sets", type=Path, help="folder that keeps the pictures")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
     args = parser.parse_args()
     wrong = [] if args.good else [(case, *CASES[case]) for case in args.cases]
     good = [("good", name, Off()) for name in dict.fromkeys(CASES[c][0] for c in args.cases)]
@@ -210,41 +208,22 @@ def main() -> int:
         for case, name, off in (*good, *wrong):
             for seed in args.seeds:
                 folder = Path(scratch).resolve() / f"{name}-{case}-{seed}".replace(" ", "_")
-                row = {"part": name, "case": case, "seed": seed}
-                row |= judged(take(name, off, seed, folder))
+                row: dict[str, Any] = {"part": name, "case": case, "seed": seed}
+                for how, told in judged(take(name, off, seed, folder)).items():
+                    row |= {f"{how} {key}": value for key, value in told.items()}
                 rows.append(row)
-                if not args.json:
-                    show(row)
+                note(row)
+    bad = [row for row in rows if row["case"] != "good"]
+    fine = [row for row in rows if row["case"] == "good"]
     summary = {
-        "wrong": sum(row["case"] != "good" for row in rows),
-        "wrong_passed_lax": sum(
-            row["case"] != "good" and row["lax"]["verdict"] == "pass" for row in rows
-        ),
-        "wrong_passed": sum(
-            row["case"] != "good" and row["all"]["verdict"] == "pass" for row in rows
-        ),
-        "good_failed": sum(
-            row["case"] == "good" and row[how]["verdict"] == "fail" for row in rows for how in HOW
-        ),
-        "good_passed": sum(
-            row["case"] == "good" and row["all"]["verdict"] == "pass" for row in rows
-        ),
+        "wrong": len(bad),
+        "wrong_passed_lax": sum(row["lax verdict"] == "pass" for row in bad),
+        "wrong_passed": sum(row["all verdict"] == "pass" for row in bad),
+        "good_failed": sum(row[f"{how} verdict"] == "fail" for row in fine for how in HOW),
+        "good_passed": sum(row["all verdict"] == "pass" for row in fine),
     }
-    print(json.dumps({"rows": rows, "summary": summary}) if args.json else summary)
+    show(args, rows, summary)
     return int(bool(summary["wrong_passed"] or summary["good_failed"]))
-
-
-def show(row: dict[str, Any]) -> None:
-    """Print one part both ways."""
-    print(
-        f"{row['part']:14}{row['case']:22}seed {row['seed']}: {row['none']['verdict']}; with "
-        f"every face left out: {row['all']['verdict']}, lax: {row['lax']['verdict']} (surfaces "
-        f"alone {row['lax']['surfaces']}, {row['lax']['findings']} findings)",
-        flush=True,
-    )
-    for how in HOW:
-        for reason in row[how]["reasons"][:6]:
-            print(f"    {how:5}{reason[:220]}")
 
 
 if __name__ == "__main__":

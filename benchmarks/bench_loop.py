@@ -8,11 +8,9 @@ machine that is busy with other programs the delays are theirs as well: compare 
 beats on an empty loop for so many seconds.
 """
 
-import argparse
 import asyncio
 import contextlib
 import io
-import json
 import logging
 import sys
 import tempfile
@@ -21,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench import Arguments, show
 
 from controller.cli.app import main as cellctl
 
@@ -115,12 +114,11 @@ async def _idle(seconds: float, beat: Beat) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, recipes=["holder"], speed=10.0, idle=1.0)
     parser.add_argument("--recipes", nargs="*", default=["holder", "featuretype"])
     parser.add_argument("--seed", type=int, default=6001)
     parser.add_argument("--speed", type=float, default=5.0)
     parser.add_argument("--idle", type=float, default=10.0, help="seconds on an empty loop first")
-    parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     started, beat = time.monotonic(), Beat()
     asyncio.run(_idle(args.idle, beat))
@@ -129,17 +127,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         for number, recipe in enumerate(args.recipes):
             rows.append(run_one(recipe, args.seed + number, args.speed, Path(folder)))
-    if args.json:
-        print(json.dumps({"bench": "loop", "runs": rows, "wall_s": time.monotonic() - started}))
-        return 0
-    print(f"{'run':14} {'beats':>7} {'p50 ms':>7} {'p99':>7} {'p99.9':>7} {'max':>7}  >50 ms")
-    for row in rows:
-        print(
-            f"{row['recipe']:14} {row['beats']:7} {row['p50_ms']:7.1f} {row['p99_ms']:7.1f} "
-            f"{row['p999_ms']:7.1f} {row['max_ms']:7.1f}  {row['above_50_ms']}"
-        )
-        for text in row["slow"]:
-            print(f"    {text}")
+    show(args, rows, {"wall s": time.monotonic() - started})
     return 0
 
 

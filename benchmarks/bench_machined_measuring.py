@@ -21,7 +21,6 @@ by more than U.
 """
 
 import argparse
-import json
 import sys
 import time
 from collections import Counter
@@ -35,6 +34,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from bench import Arguments, note, show
 from bench_defects import (
     Array,
     Body,
@@ -316,52 +316,41 @@ def summary(rows: list[Words], surfaces: str) -> Words:
     }
 
 
-def show(row: Words) -> None:
-    """Print one part, and what is far out on it."""
-    values = [v for v in row["values"] if v[3] is not None and v[1] == "mm"]
-    wrong = [v for v in values if abs(v[3]) > v[4]]
-    looks_mm = [v for v in row["looks"] if v[1] == "mm"]
-    off = [v for v in looks_mm if abs(v[4]) > v[5]]
-    print(
-        f"{row['part']} {row['kind']} {row['surfaces']} {row['seed']}: {row['verdict']}, compared "
-        f"{100 * row['compared']:.1f} %, looks beyond U {len(off)} of {len(looks_mm)}, values "
-        f"{len(wrong)} of {len(values)}, judged in {row['judge_s']:.1f} s",
-        flush=True,
-    )
-    for reason in row["measured"]:
-        print(f"    {reason[:200]}")
-    for name, _, view, lamp, error, U in looks_mm:
-        if abs(error) > max(U, FAR_MM):
-            print(f"  look {view} {lamp}: {name}: {error:+.3f}, U {U:.3f}")
-    for name, _, verdict, error, U, why, _ in wrong:
-        print(f"  value {name}: {error:+.3f}, U {U:.3f} {verdict} {why}")
-
-
 def main() -> int:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, parts=["flange_xy"], seeds=[1000], kinds=[GOOD], surfaces=["plain"])
     parser.add_argument("--parts", nargs="+", default=["flange_xy"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[1000, 1001])
     parser.add_argument("--kinds", nargs="+", choices=[GOOD, *DEFECTS], default=[GOOD, *DEFECTS])
     parser.add_argument("--surfaces", nargs="+", default=["machined", "plain"])
     parser.add_argument("--sets", type=Path, help="folder that keeps the pictures")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--json", action="store_true", help="one JSON object")
     args = parser.parse_args()
     rows = []
     keeper = nullcontext(args.sets) if args.sets else TemporaryDirectory(prefix="machined")
     with keeper as scratch:
         for row in rows_of(args, Path(scratch).resolve()):
             rows.append(row)
-            if not args.json:
-                show(row)
+            note({key: value for key, value in row.items() if key not in ("looks", "values")})
     shares = [summary(rows, surfaces) for surfaces in args.surfaces]
-    if args.json:
-        print(json.dumps({"rows": rows, "summary": shares}))
-    else:
-        for share in shares:
-            print(json.dumps(share, indent=1))
+    show(args, [told(row) for row in rows], {share["surfaces"]: share for share in shares})
     return 0 if all(map(is_held, shares)) else 1
+
+
+def told(row: Words) -> Words:
+    """Return one part as a table has it, with the looks and values that are beyond their U."""
+    values = [v for v in row["values"] if v[3] is not None and v[1] == "mm"]
+    looks = [v for v in row["looks"] if v[1] == "mm"]
+    return {key: row[key] for key in ("part", "kind", "surfaces", "seed", "verdict")} | {
+        "compared": row["compared"],
+        "judge s": row["judge_s"],
+        "looks": len(looks),
+        "beyond U": sum(abs(v[4]) > v[5] for v in looks),
+        "values": len(values),
+        "values beyond U": [
+            f"{v[0]} {v[3]:+.3f}, U {v[4]:.3f}" for v in values if abs(v[3]) > v[4]
+        ],
+    }
 
 
 if __name__ == "__main__":

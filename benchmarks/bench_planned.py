@@ -9,7 +9,6 @@ found at its place where a finding is no farther from it than both are long, and
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections import Counter
@@ -20,6 +19,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from bench import Arguments, need_sets, note, show
 from trace_held import Words
 
 from controller.cad import CadError
@@ -94,49 +94,45 @@ def _reasons(found: PartInspection) -> dict[str, float]:
     return out
 
 
-def print_table(outcomes: Sequence[Outcome]) -> None:
-    """Print a row for each piece, then sums."""
-    print(f"{'piece':14} {'kind':12} {'verdict':14} {'of in sight':>11} {'at place':>8} "
-          f"{'elsewhere':>9} {'views':>5} {'pictures':>8}")  # fmt: skip
-    for one in outcomes:
-        views, pictures = one.not_evaluated
-        print(f"{one.name:14} {one.kind:12} {one.verdict:14} "
-              f"{one.compared / max(one.in_sight, 1e-9):11.1%} {one.at_place:8} {one.elsewhere:9} "
-              f"{views:5} {pictures:8}")  # fmt: skip
+def figures(outcomes: Sequence[Outcome]) -> dict[str, object]:
+    """Return what good pieces and those with a defect come to."""
+    told: dict[str, object] = {}
     for cls in ("good", "defect"):
         mine = [one for one in outcomes if one.cls == cls]
-        if not mine:
-            continue
-        verdicts = Counter(one.verdict for one in mine)
-        share = sum(o.compared for o in mine) / max(sum(o.in_sight for o in mine), 1e-9)
-        words = ", ".join(f"{n} {verdict}" for verdict, n in verdicts.most_common())
-        print(f"{cls}: {words} of {len(mine)}; {share:.1%} compared of what is in sight")
-        every = {reason for one in mine for reason in one.reasons}
-        total = {reason: sum(one.reasons.get(reason, 0.0) for one in mine) for reason in every}
-        for reason in sorted(total, key=lambda r: -total[r])[:LISTED]:
-            print(f"    {total[reason] / len(mine):6.1%} {reason}")
+        if mine:
+            reasons: Counter[str] = Counter()
+            for one in mine:
+                reasons.update(one.reasons)
+            told[cls] = dict(Counter(one.verdict for one in mine))
+            told[f"{cls}: compared of what is in sight"] = sum(o.compared for o in mine) / max(
+                sum(o.in_sight for o in mine), 1e-9
+            )
+            told[f"{cls}: shares not compared"] = {
+                reason: share / len(mine) for reason, share in reasons.most_common(LISTED)
+            }
+    return told
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, judge, and turn an error into one sentence."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
-    parser.add_argument("--json", action="store_true", help="one object a piece")
+    parser = Arguments(__doc__)
+    parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
     args = parser.parse_args(argv)
+    need_sets(args.folders, "trace_planned.py")
     cv2.setNumThreads(1)
     outcomes = []
     try:
         for folder in args.folders:
             for truth in json.loads((folder / "truth.json").read_text())["specimens"]:
                 outcomes.append(outcome(folder, truth))
-                if args.json:
-                    print(json.dumps(asdict(outcomes[-1])), flush=True)
+                note({k: v for k, v in asdict(outcomes[-1]).items() if k != "reasons"})
     except (ConfigError, CadError, OSError, ValueError) as error:
         print(f"bench_planned: {error}", file=sys.stderr)
         return 2
-    if not args.json:
-        print_table(outcomes)
-    return 0
+    show(args, [asdict(one) for one in outcomes], figures(outcomes))
+    good = [one for one in outcomes if one.cls == "good"]
+    bad = [one for one in outcomes if one.cls == "defect"]
+    return int(any(o.verdict == "fail" for o in good) or any(o.verdict == "pass" for o in bad))
 
 
 if __name__ == "__main__":

@@ -7,12 +7,12 @@ which faces were compared too little and would have to be named by the recipe (`
     python benchmarks/bench_recipes.py [--recipes holder ...] [--seeds 1] [--json]
 """
 
-import argparse
-import json
 import sys
+from collections import Counter
 from typing import Any
 
 import numpy as np
+from bench import Arguments, note, show
 from inspection_scenes import (
     CELL,
     HOLD_DEG,
@@ -47,7 +47,7 @@ RECIPES = ("featuretype", "flange_xy", "holder", "idler_riser", "widget")
 LIKELY = 0.04
 
 
-def show(c: compute.Context, plan: Plan, station: Station, seed: int) -> list[ViewResult]:
+def views_of(c: compute.Context, plan: Plan, station: Station, seed: int) -> list[ViewResult]:
     """Return the views of a plan as they are judged."""
     rng = np.random.default_rng(seed)
     held = Held(c.solid, c.samples, c.posed)
@@ -135,7 +135,7 @@ def run_recipe(name: str, seeds: list[int], poses: list[int] | None = None) -> l
             except NoPlanError as error:
                 rows.append({"recipe": name, "pose": pose.index, "seed": seed, "error": str(error)})
                 continue
-            results = [*look(c, plan, station, T, seed), *show(c, plan, station, seed)]
+            results = [*look(c, plan, station, T, seed), *views_of(c, plan, station, seed)]
             unseen = {u.face_id: u.reason for u in plan.unseen}
             planned = {s.view_id: s.seen for s in plan.steps if isinstance(s, Present | Look)}
             limits = compute.inspection_limits(c.recipe)
@@ -172,35 +172,25 @@ def run_recipe(name: str, seeds: list[int], poses: list[int] | None = None) -> l
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, recipes=["holder"], poses=[0])
     parser.add_argument("--recipes", nargs="+", default=list(RECIPES))
     parser.add_argument("--poses", nargs="+", type=int, help="stable poses (default: likely ones)")
     parser.add_argument("--seeds", nargs="+", type=int, default=[1])
-    parser.add_argument("--json", action="store_true", help="one JSON object")
     args = parser.parse_args()
-    every = []
+    every: list[dict[str, Any]] = []
     for name in args.recipes:
         rows = run_recipe(name, args.seeds, args.poses)
         every += rows
-        if args.json:
-            continue
         for row in rows:
-            if "error" in row:
-                print(f"{name:12} pose {row['pose']} seed {row['seed']}: no plan: {row['error']}")
-                continue
-            print(
-                f"{name:12} pose {row['pose']} seed {row['seed']}: {row['verdict']:14}"
-                f"{row['views']} views, {row['covered']:.1%} compared of {row['in_sight']:.1%} in "
-                f"sight, {row['planned']:.1%} planned; {len(row['findings'])} findings",
-                flush=True,
-            )
-            for line in (*row["failures"], *map(str, row["findings"])):
-                print(f"    {line}")
-            for label, (share, why) in row["not_compared"].items():
-                print(f"    {label}: {share:.0%}; {why}")
-    if args.json:
-        print(json.dumps({"rows": every}))
-    return 0
+            note(row)
+    done = [row for row in every if "error" not in row]
+    shares = [row["covered"] / row["in_sight"] for row in done]
+    verdicts = Counter(row["verdict"] for row in done)
+    figures = {"runs": len(every), "no plan": len(every) - len(done), **verdicts}
+    show(
+        args, every, figures | {"compared of what is in sight, at least": min(shares, default=None)}
+    )
+    return int(verdicts["fail"] > 0)
 
 
 if __name__ == "__main__":

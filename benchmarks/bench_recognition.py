@@ -1,23 +1,24 @@
 """How right, how exact and how quick recognition is, on pictures that this project did not make.
 
-python benchmarks/bench_recognition.py [--json] [--set FOLDER...] [--parts PATH...] [--held-out]
+python benchmarks/bench_recognition.py [--json] [--set FOLDER...] [--parts PATH...]
     [--lights backlit front lo-backlit lo-front] [--keep FOLDER] [--checkout FOLDER] [--lamps 3]
     [--without PART...]
 
 Drives `cellctl recognise` as its users do, a process for the pictures of one light, held to one
 core. A set is a folder with pictures, truth.json, and perhaps lo/ (256 x 256) and calib/ (boards).
-What counts as right: `recognition_judge`. Every fourth picture is aside: --held-out tells those
-separately from the others. With `--lamps N` the front-lit pictures of a set that
-`trace_pictures.py --lamps N` made are judged N together, and the truth of a scene's first picture
-counts. What --without names is left out of the library, so that it is a stranger. The time of a
-picture is the sum of its answers' "seconds".
+What counts as right: `recognition_judge`. Every fourth picture is aside, and told apart. Where a
+set of parts that touch, lie on one another or leave the picture tells what of each outline is free
+(`trace_pictures.py --scene`), those of which less than 70 % is are told apart, too. With `--lamps
+N` the front-lit pictures of a set that `trace_pictures.py --lamps N` made are judged N together,
+and the truth of a scene's first picture counts. What --without names is left out of the library, so
+that it is a stranger. A false name is a known part's name for another part, for a stranger or for
+nothing. The time of a picture is the sum of its answers' "seconds".
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -26,11 +27,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
-
-from recognition_judge import (  # noqa: E402
+from bench import ROOT, SHARED, Arguments, leave_out, note, show
+from recognition_judge import (
     Judge,
     Thing,
     Verdict,
@@ -41,8 +39,8 @@ from recognition_judge import (  # noqa: E402
     read_things,
     reliability,
 )
-from recognition_parts import cad_files, read_mesh  # noqa: E402
-from recognition_runs import (  # noqa: E402
+from recognition_parts import cad_files, read_mesh
+from recognition_runs import (
     Run,
     calibrate,
     from_truth,
@@ -51,9 +49,7 @@ from recognition_runs import (  # noqa: E402
     smaller,
     stable_poses,
 )
-from recognition_symmetry import Surface  # noqa: E402
-from recognition_tables import TARGETS, print_lights  # noqa: E402
-from shared_files import SHARED  # noqa: E402  (path set above)
+from recognition_symmetry import Surface
 
 LIGHTS = {
     "backlit": ("hi", "back"),
@@ -62,7 +58,11 @@ LIGHTS = {
     "lo-front": ("lo", "front"),
 }
 LIGHTING = {"back": "backlit", "front": "front"}
-OURS = "cellctl"
+# least share of right poses: issued with the first pictures, by what they show
+RIGHT_POSE = {"backlit": 0.98, "front": 0.97, "lo-backlit": 0.93, "lo-front": 0.93}
+FREE = 0.7  # of its outline, from which a part is asked by name
+EXACT_MM = {"back": 0.1, "front": 0.3}
+FALSE = ("wrong part", "named", "spurious")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -153,26 +153,13 @@ class Bench:
         poses = self._poses.get(part, [])
         return poses[index] if 0 <= index < len(poses) else None
 
-    def answers(
-        self,
-        who: str,
-        light: str,
-        images: Sequence[Path],
-        parts: Sequence[Path] | None = None,
-        environment: dict[str, str] | None = None,
-    ) -> Run:
+    def answers(self, light: str, images: Sequence[Path]) -> Run:
         size, mode = LIGHTS[light]
-        camera, parts = self.pictures.cameras[size][0], list(parts or self.pictures.parts)
-        if who == OURS:
-            command = recognise_command(images, parts, camera, LIGHTING[mode])
-            if self.lamps(light) > 1:
-                command += ["--lamps", str(self.lamps(light))]
-        return run(
-            command,
-            one_core=not self._args.all_cores,
-            checkout=self.checkout if who == OURS else ROOT,
-            environment=environment,
-        )
+        camera = self.pictures.cameras[size][0]
+        command = recognise_command(images, self.pictures.parts, camera, LIGHTING[mode])
+        if self.lamps(light) > 1:
+            command += ["--lamps", str(self.lamps(light))]
+        return run(command, one_core=not self._args.all_cores, checkout=self.checkout)
 
     def lamps(self, light: str) -> int:
         """Return how many pictures of a light show one scene."""
@@ -183,41 +170,18 @@ class Bench:
         answers = [read_answer(line, self._pose) for line in told.lines]
         return self._judge.judge([t for t in self.pictures.things if t.image in names], answers)
 
-    def costs(self, told: Run, images: Sequence[Path]) -> dict[str, Any]:
-        """Return what the pictures took, those with one object apart: that is the issue's."""
+    def milliseconds(self, told: Run, images: Sequence[Path]) -> list[float]:
+        """Return what each picture took, the sum of its answers' seconds."""
         by_picture: dict[str, float] = {image.name: 0.0 for image in images}
         for line in told.lines:
-            by_picture[line["image"]] += float(line.get("seconds") or 0.0)
-        one = [e["image"] for e in self.pictures.truth["images"] if len(e["objects"]) == 1]
-        answered = {line["image"] for line in told.lines}
-        alone = [by_picture[name] for name in by_picture if name in one and name in answered]
-        return {
-            "one_object_ms": _ms(alone),
-            "picture_ms": _ms(list(by_picture.values())),
-            "one_object_wall_ms": _ms([s for n, s in told.picture_s.items() if n in one]),
-            "wall_s": told.wall_s,
-            "start_s": told.start_s,
-            "peak_mb": told.peak_mb,
-            "cpu_s": told.cpu_s,
-            "error": told.error,
-        }
+            by_picture[line["image"]] += 1e3 * float(line.get("seconds") or 0.0)
+        return list(by_picture.values())
 
-    def keep(self, who: str, light: str, told: Run) -> None:
+    def keep(self, light: str, told: Run) -> None:
         if self._args.keep is not None:
             self._args.keep.mkdir(parents=True, exist_ok=True)
-            file = self._args.keep / f"{self.pictures.name}_{light}_{who}.jsonl"
+            file = self._args.keep / f"{self.pictures.name}_{light}.jsonl"
             file.write_text("".join(json.dumps(line) + "\n" for line in told.lines))
-
-
-def _ms(seconds: Sequence[float]) -> dict[str, float] | None:
-    if not seconds:
-        return None
-    found = 1e3 * np.array(seconds)
-    return {
-        "median": float(np.median(found)),
-        "p95": float(np.percentile(found, 95)),
-        "count": len(found),
-    }
 
 
 def is_held_out(image: str) -> bool:
@@ -225,45 +189,89 @@ def is_held_out(image: str) -> bool:
     return int("".join(c for c in Path(image).stem if c.isdigit()) or 0) % 4 == 3
 
 
-def rates(bench: Bench, args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return a set's figures by light and method, and the verdicts behind them."""
-    result: dict[str, Any] = {}
-    verdicts: dict[str, dict[str, list[Verdict]]] = {}
+Place = tuple[str, float, float]
+
+
+def places(truth: dict[str, Any], keys: str) -> dict[Place, Any]:
+    """Return what a set tells of each object under a key, by its picture and place."""
+    return {
+        (entry["image"], o["x_mm"], o["y_mm"]): o[keys]
+        for entry in truth["images"]
+        for o in entry["objects"]
+        if o.get(keys) is not None
+    }
+
+
+def groups(found: Sequence[Verdict], truth: dict[str, Any]) -> dict[str, list[Verdict]]:
+    """Return the verdicts to be told apart: all, those aside, and by how free an outline is."""
+    free, lying = places(truth, "free_share"), places(truth, "lies_on")
+
+    def place(v: Verdict) -> Place | None:
+        return None if v.thing is None else (v.thing.image, v.thing.x_mm, v.thing.y_mm)
+
+    of_objects = [v for v in found if v.thing is not None]
+    aside = [is_held_out((v.thing or v.answer).image) for v in found]  # type: ignore[union-attr]
+    seen = [v for v in of_objects if free.get(place(v), 1.0) >= FREE]  # type: ignore[arg-type]
+    told = {"all": list(found), "held out": [v for v, out in zip(found, aside, strict=True) if out]}
+    if free:
+        told |= {
+            "70 % free, on the table": [v for v in seen if place(v) not in lying],
+            "70 % free, on other parts": [v for v in seen if place(v) in lying],
+            "less free": [v for v in of_objects if v not in seen],
+        }
+    return told
+
+
+def row_of(found: Sequence[Verdict], exact_mm: float) -> dict[str, Any]:
+    """Return what some verdicts come to."""
+    f = figures(found)
+    off = [v.distance_mm for v in found if v.with_alternatives == "right"]
+    exact = sum(mm is not None and mm <= exact_mm for mm in off)
+    of_mm, of_deg = f["position_mm"] or {}, f["angle_asymmetric_deg"] or {}
+    return {
+        "objects": f["objects"],
+        "right part": f["right_part"],
+        "right pose": f["right_pose"],
+        "alternatives count": f["right_pose_with_alternatives"],
+        f"within {exact_mm} mm": exact / f["objects"] if f["objects"] else None,
+        "mm": of_mm.get("median"),
+        "p95 mm": of_mm.get("p95"),
+        "deg": of_deg.get("median"),
+        "p95 deg": of_deg.get("p95"),
+        "strangers": f["strangers"],
+        "refused": f["unknown_called_unknown"],
+        "false names": sum(v.kind in FALSE for v in found),
+        "wrong poses": sum(v.kind == "wrong pose" for v in found),
+    }
+
+
+def measure(bench: Bench, args: argparse.Namespace) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Return a set's rows, one for each light and group, and what is behind them."""
+    rows: list[dict[str, Any]] = []
+    behind: dict[str, Any] = {}
     for light in args.lights:
         images = bench.pictures.of(light)
         if not images or LIGHTS[light][0] not in bench.pictures.cameras:
             continue
-        for who in (OURS,):
-            told = bench.answers(who, light, images)
-            bench.keep(who, light, told)
-            scenes = images[:: bench.lamps(light)]
-            found = bench.judge(told, scenes)
-            verdicts.setdefault(light, {})[who] = found
-            result.setdefault(light, {})[who] = {
-                **described(found, args.held_out),
-                "pictures": len(images),
-                "costs": bench.costs(told, scenes),
-            }
-    small = [verdicts[light] for light in ("lo-backlit", "lo-front") if light in verdicts]
-    if len(small) == 2:
-        both = {who: [v for of in small for v in of[who]] for who in (OURS,)}
-        verdicts["lo"] = both
-        result["lo"] = {who: described(found, args.held_out) for who, found in both.items()}
-    return result, verdicts
-
-
-def described(found: list[Verdict], with_held_out: bool) -> dict[str, Any]:
-    body = {
-        **figures(found),
-        "confusion": confusion(found),
-        "reliability": reliability(found),
-        "failures": failures(found),
-    }
-    if with_held_out:
-        aside = [is_held_out((v.thing or v.answer).image) for v in found]  # type: ignore[union-attr]
-        body["held_out"] = figures([v for v, out in zip(found, aside, strict=True) if out])
-        body["others"] = figures([v for v, out in zip(found, aside, strict=True) if not out])
-    return body
+        told = bench.answers(light, images)
+        bench.keep(light, told)
+        scenes = images[:: bench.lamps(light)]
+        found = bench.judge(told, scenes)
+        took_ms = bench.milliseconds(told, scenes)
+        for group, mine in groups(found, bench.pictures.truth).items():
+            row = {"set": bench.pictures.name, "light": light, "group": group}
+            rows.append(row | row_of(mine, EXACT_MM[LIGHTS[light][1]]))
+            if group == "all":
+                low, high = np.percentile(took_ms, [50, 95]).tolist()
+                rows[-1] |= {"ms": low, "p95 ms": high, "peak MB": told.peak_mb}
+            note(rows[-1])
+        behind[f"{bench.pictures.name}, {light}"] = {
+            "error": told.error,
+            "confusion": confusion(found),
+            "reliability": reliability(found),
+            "failures": failures(found),
+        }
+    return rows, behind
 
 
 def main() -> int:
@@ -271,52 +279,36 @@ def main() -> int:
     folders = args.set or [SHARED / "images"]
     for folder in folders:
         if not (folder / "truth.json").is_file():
-            print(f"needs pictures and their truth.json in {folder}", file=sys.stderr)
-            return 2
+            leave_out(f"needs pictures and their truth.json in {folder} (trace_pictures.py)")
     checkout = (args.checkout or ROOT).resolve()
-    result: dict[str, Any] = {"targets": TARGETS, "load": os.getloadavg()[0], "sets": {}}
-    pooled: dict[str, dict[str, list[Verdict]]] = {}
+    rows: list[dict[str, Any]] = []
+    behind: dict[str, Any] = {}
     with tempfile.TemporaryDirectory(prefix="bench_recognition_") as scratch_name:
         for folder in folders:
             pictures = read_set(folder.resolve(), args, Path(scratch_name))
-            pictures = without(pictures, args.without)
-            bench = Bench(pictures, args, checkout)
-            body: dict[str, Any] = {"cameras": {k: how for k, (_, how) in pictures.cameras.items()}}
-            body["lights"], verdicts = rates(bench, args)
-            for light, by_method in verdicts.items():
-                for who, found in by_method.items():
-                    pooled.setdefault(light, {}).setdefault(who, []).extend(found)
-            result["sets"][pictures.name] = body
-    if len(folders) > 1 and pooled:
-        result["all_sets"] = {
-            light: {who: described(found, args.held_out) for who, found in by_method.items()}
-            for light, by_method in pooled.items()
-        }
-    if args.json:
-        print(json.dumps(result))
-        return 0
-    for name, body in result["sets"].items():
-        print(
-            f"== {name}: camera {', '.join(f'{k} by {how}' for k, how in body['cameras'].items())}"
-        )
-        print_lights(body["lights"])
-    if "all_sets" in result:
-        print("== all sets together")
-        print_lights(result["all_sets"])
-    return 0
+            bench = Bench(without(pictures, args.without), args, checkout)
+            told, why = measure(bench, args)
+            rows += told
+            behind |= why
+    every = [row for row in rows if row["group"] == "all"]
+    misses = [
+        f"{row['set']}, {row['light']}: right pose"
+        for row in every
+        if row["right pose"] is not None and row["right pose"] < RIGHT_POSE[row["light"]]
+    ]
+    false_names = sum(row["false names"] for row in every)
+    shown = behind if args.json else {key: len(of["failures"]) for key, of in behind.items()}
+    show(args, rows, {"failures": shown, "below what is asked": misses, "false names": false_names})
+    return int(bool(misses or false_names))
 
 
 def read_arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser = Arguments(__doc__, lights=["lo-backlit"])
     parser.add_argument("--set", type=Path, nargs="+", help="folders with pictures and truth.json")
     parser.add_argument("--parts", type=lambda p: Path(p).resolve(), nargs="+", help="CAD files")
     parser.add_argument("--calibration", type=Path, help="camera; by the set's boards otherwise")
     parser.add_argument("--lo-calibration", type=Path, help="camera of the small pictures")
     parser.add_argument("--lights", nargs="+", choices=tuple(LIGHTS), default=list(LIGHTS))
-    parser.add_argument("--held-out", action="store_true", help="tell every fourth picture apart")
     parser.add_argument("--keep", type=Path, help="folder for the answers themselves")
     parser.add_argument("--lamps", type=int, default=1, help="front-lit pictures of one scene")
     parser.add_argument("--without", nargs="+", default=[], help="parts no library has")

@@ -12,7 +12,6 @@ per kind of characteristic, median and 90th percentile.
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -22,6 +21,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from bench import Arguments, show
 from inspection_scenes import (
     HOLD_DEG,
     HOLD_MM,
@@ -133,22 +133,21 @@ def study(part: Path, cell_file: Path, count: int, seed: int, scratch: Path) -> 
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def table(cell: str, lines: list[Words]) -> str:
+def spreads(cell: str, lines: list[Words]) -> list[Words]:
     """Return six standard deviations [um] by kind, median and 90th percentile."""
     found = [line for line in lines if line["event"] == "characteristic"]
-    out = [f"{cell}: {lines[-1]['data_allow'][0]}"]
-    out.append(
-        f"{'kind':12} {'n':>3}  in one grasp        with re-grasps    6 sigma [um]: median, 90 %"
-    )
+    rows = []
     for kind in ("all", *sorted({_kind(line) for line in found})):
         mine = [line["six_sigma"] for line in found if kind in ("all", _kind(line))]
-        sizes = []
+        row: Words = {"cell": cell, "kind": kind, "values": len(mine)}
         for which in ("in_grasp", "with_regrasps"):
             known = [1000 * six[which]["value"] for six in mine if six.get(which)]
-            sizes += [float(np.median(known)), float(np.quantile(known, 0.9))] if known else [0, 0]
-        words = "  ".join(f"{size:8.1f}" for size in sizes)
-        out.append(f"{kind:12} {len(mine):3}  {words}")
-    return "\n".join(out)
+            row[f"{which}, median um"] = float(np.median(known)) if known else None
+            row["90 % um" if which == "in_grasp" else "90 % um "] = (
+                float(np.quantile(known, 0.9)) if known else None
+            )
+        rows.append(row)
+    return rows
 
 
 def _kind(line: Words) -> str:
@@ -158,26 +157,25 @@ def _kind(line: Words) -> str:
 
 def main() -> int:
     """Take the readings of each cell, print what repeats."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, cells=["emulated"], readings=2)
     parser.add_argument("--cells", nargs="+", default=["emulated", "metrology"])
     parser.add_argument("--readings", type=int, default=10)
     parser.add_argument(
         "--part", type=Path, default=ROOT / "benchmarks" / "parts" / "t_slot_nut.csg.yaml"
     )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
-    told: Words = {}
+    rows: list[Words] = []
+    figures: Words = {}
     for cell in args.cells:
         with tempfile.TemporaryDirectory(prefix="repeat") as scratch:
-            told[cell] = study(
+            lines = study(
                 args.part.resolve(), ROOT / "recipes" / "cells" / f"{cell}.yaml", args.readings,
                 args.seed, Path(scratch),
             )  # fmt: skip
-        if not args.json:
-            print(table(cell, told[cell]), flush=True)
-    if args.json:
-        print(json.dumps(told))
+        rows += spreads(cell, lines)
+        figures[cell] = lines[-1]["data_allow"][0]
+    show(args, rows, figures)
     return 0
 
 

@@ -15,7 +15,6 @@ estimated.
 Seeds below 900 are there to develop with.
 """
 
-import argparse
 import contextlib
 import json
 import math
@@ -31,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench import ROOT, Arguments, show
 from kill_world import ask
 from shift_parts import RECIPES, ShiftPart, is_on_table, make_parts, spots_for
 
@@ -38,7 +38,6 @@ from controller.cell.control import AnswerOrder, ControlError, RunningCell
 from controller.cell.journal import JOURNAL_NAME, read_rows_named, rows
 from controller.results.takt import TaktGroup, Use, grouped, takt_json, takt_line, takts_of
 
-ROOT = Path(__file__).parents[1]
 AT_ONCE = 5
 LIMIT_WALL_S = 4 * 3600.0
 FIRST_SERIAL = "SH001"
@@ -339,13 +338,12 @@ def interval(good: int, count: int) -> tuple[float, float]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Arguments(__doc__, parts=1, speed=10.0, recipes="holder")
     parser.add_argument("--parts", type=int, default=12)
     parser.add_argument("--seed", type=int, default=901)
     parser.add_argument("--speed", type=float, default=2.0)
     parser.add_argument("--recipes", default=",".join(RECIPES), help="names, separated by commas")
     parser.add_argument("--keep", type=Path, help="folder that runs and files are left in")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="shift-") as scratch:
@@ -355,29 +353,9 @@ def main() -> int:
         shift = Shift(args.parts, args.seed, args.speed, recipes, folder.resolve())
         shift.run()
         found = {**shift.figures(), "wall_s": round(time.monotonic() - began, 1)}
-    if args.json:
-        print(json.dumps(found))
-        return 0
-    for one in found["parts"]:
-        mark = "right" if one["is_right"] else "WRONG"
-        print(
-            f"{one['number']:3} {one['recipe']:12} {one['defect']:38} {one['tray'] or '-':10} "
-            f"{one['verdict'] or '-':14} {mark} {'; '.join(map(str, one['reasons']))[:80]}"
-        )
-    print(
-        f"\n{found['sorted_right']} of {found['n']} right {found['interval_95']}, wrong PASS "
-        f"{found['wrong_pass']}, mixed up {found['mixed_up']}, collisions {found['collisions']}, "
-        f"laid again {found['laid_again']}, calls {found['calls']}; "
-        f"{found['end']} {found['message']}"
-    )
-    if found["busy_share_alone"] is not None:
-        print(
-            f"workers {found['worker_on_processor_s']} s on a processor, waited for one "
-            f"{found['worker_waited_for_one_s']} s; arm busy without that (estimate) "
-            f"{100 * found['busy_share_alone']:.0f} %"
-        )
-    print(f"{found['line']}\nevent loop late at most {found['longest_late_s']} s")
-    return 0
+    parts = found.pop("parts")
+    show(args, parts, found)
+    return int(found["sorted_right"] != found["n"])
 
 
 if __name__ == "__main__":

@@ -30,13 +30,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
+from bench import Arguments, note, show
 
-from benchmarks.case_workers import Failed, Workers  # noqa: E402  (path set above)
-from simulation.case import Case, Ended, Kill, run_case  # noqa: E402  (path set above)
-from simulation.cell import PLACES, Scene  # noqa: E402
-from simulation.faults import FAULTS, names_it  # noqa: E402
+from benchmarks.case_workers import Failed, Workers
+from simulation.case import Case, Ended, Kill, run_case
+from simulation.cell import PLACES, Scene
+from simulation.faults import FAULTS, names_it
 
 SCENES = tuple(
     Scene(recipe, pose, place)
@@ -203,8 +202,7 @@ def run_all(cases: Sequence[tuple[str, Case]], args: argparse.Namespace) -> list
             args.out.parent.mkdir(parents=True, exist_ok=True)
             with args.out.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(asdict(ran)) + "\n")
-        if not args.json:
-            print(line_of(ran), flush=True)
+        note({"case": ran.key, "outcome": ran.outcome, "cpu_s": ran.cpu_s})
 
     workers: Workers[tuple[str, Case], Ran] = Workers(run_one, args.jobs, args.budget)
     for (key, case), result in workers.results(left, until_s):
@@ -226,17 +224,6 @@ def name_of(scene: Scene) -> str:
     return f"{scene.recipe}/{scene.pose_index}/{scene.place}"
 
 
-def line_of(ran: Ran) -> str:
-    """Return a case as one line."""
-    more = ran.killed_in or "; ".join(ran.caused)
-    return (
-        f"{ran.key:44} {ran.scene:16} {ran.outcome:20} {ran.cell_s:6.0f} s {ran.cpu_s:5.1f} CPU s"
-        f"  {more}  {' -> '.join(ran.ends)}"
-        + (f"  {ran.message[:140]}" if ran.message else "")
-        + (f"  VIOLATIONS {ran.violations}" if ran.violations else "")
-    )
-
-
 # --- tables ---------------------------------------------------------------------------------------
 
 
@@ -254,26 +241,6 @@ def summary(rans: Sequence[Ran]) -> dict[str, Any]:
         "cpu_s_median": cpu[len(cpu) // 2] if cpu else 0.0,
         "cpu_s_worst": cpu[-1] if cpu else 0.0,
     }
-
-
-def print_summary(kind: str, rans: Sequence[Ran]) -> None:
-    """Print these figures, and for faults the matrix."""
-    found = summary(rans)
-    print(f"\n{kind}: {found['cases']} cases, {found['ended_in_a_tray']} with the part in a tray")
-    for outcome, count in found["outcomes"].items():
-        print(f"  {outcome:28} {count:5}  {100 * count / max(1, found['cases']):5.1f} %")
-    print(f"  violations: {found['violations'] or 'none'}")
-    if kind == "run" and found["holds"]:
-        share = 100 * found["failed_holds"] / found["holds"]
-        print(f"  holds: {found['holds']}, {found['failed_holds']} failed: {share:.1f} %")
-    print(f"  CPU s a case: median {found['cpu_s_median']}, worst {found['cpu_s_worst']}")
-    if kind == "fault":
-        short = {state: state[:5] for state in STATES}
-        print("\n  " + " " * 28 + " ".join(f"{short[s]:>9}" for s in STATES))
-        by = {(ran.fault, ran.state): ran.outcome for ran in rans}
-        for name in FAULTS:
-            cells = " ".join(f"{by.get((name, s), '-')[:9]:>9}" for s in STATES)
-            print(f"  {name:28}{cells}")
 
 
 def soak(count: int, args: argparse.Namespace) -> dict[str, Any]:
@@ -298,8 +265,7 @@ def soak(count: int, args: argparse.Namespace) -> dict[str, Any]:
                     "files_in_memory": sum(1 for _ in Path("/dev/shm").glob("cellctl-sim*")),
                 }
             )
-            if not args.json:
-                print(marks[-1], flush=True)
+            note(marks[-1])
         if is_last:
             break
     # caches fill up at first: every scene comes once within the first quarter of a long soak
@@ -338,7 +304,7 @@ def resident_mb() -> float:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run what is asked for, print the tables."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = Arguments(__doc__, kills=2, first=101)
     parser.add_argument("--kills", type=int, default=0, help="cases with one kill each")
     parser.add_argument("--recovery", default="auto", choices=("refuse", "auto"))
     parser.add_argument("--runs", type=int, default=0, help="cases with faults by chance")
@@ -355,7 +321,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--minutes", type=float, default=1e6, help="begin no case after so long")
     parser.add_argument("--out", type=Path, help="JSON lines; goes on where the file ends")
-    parser.add_argument("--json", action="store_true")
     args = parser.parse_args(argv)
     # notes of journals of simulated cells are nobody else's
     os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="cellctl-bench-")
@@ -367,6 +332,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "fault": lambda: fault_cases(args.first, faults, states) if args.faults else (),
     }
     out: dict[str, Any] = {}
+    every: list[Ran] = []
     for kind, make in kinds.items():
         cases = [
             one for one in make()
@@ -374,16 +340,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         ]  # fmt: skip
         if cases:
             rans = run_all(cases, args)
+            every += rans
             out[kind] = summary(rans)
-            if not args.json:
-                print_summary(kind, rans)
     if args.soak:
         out["soak"] = soak(args.soak, args)
-        if not args.json:
-            print(out["soak"])
-    if args.json:
-        print(json.dumps(out))
-    return 0
+    columns = ("key", "scene", "outcome", "cell_s", "cpu_s", "ends", "message", "violations")
+    show(args, [{name: getattr(ran, name) for name in columns} for ran in every], out)
+    return int(any(ran.violations for ran in every))
 
 
 if __name__ == "__main__":

@@ -7,12 +7,13 @@ least of N runs counts, since a busy machine only adds. `heavy` names libraries 
 though nothing was computed.
 """
 
-import argparse
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
+
+from bench import Arguments, show
 
 CALLS: tuple[tuple[str, ...], ...] = (
     ("--help",),
@@ -60,8 +61,7 @@ def heavy_imports(*arguments: str) -> tuple[int, list[str]]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true")
+    parser = Arguments(__doc__, repeat=1)
     parser.add_argument("--repeat", type=int, default=3)
     args = parser.parse_args()
     rows = []
@@ -69,13 +69,8 @@ def main() -> int:
         code, heavy = heavy_imports(*call)
         least_s = min(cpu_s(*call) for _ in range(args.repeat))
         rows.append({"call": " ".join(call), "code": code, "cpu_s": least_s, "heavy": heavy})
-    if args.json:
-        print(json.dumps({"start": rows}))
-        return 0
-    print(f"{'cellctl ...':24} {'code':>4} {'CPU s':>6}  heavy")
-    for row in rows:
-        print(f"{row['call']:24} {row['code']:4} {row['cpu_s']:6.2f}  {' '.join(row['heavy'])}")
-    return 0
+    show(args, rows, {"most CPU s": max(row["cpu_s"] for row in rows)})
+    return int(any(row["code"] for row in rows))
 
 
 if __name__ == "__main__":

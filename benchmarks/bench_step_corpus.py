@@ -11,7 +11,6 @@ refused, the processor's seconds, the kernel's process included, and what differ
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import os
@@ -20,6 +19,8 @@ import subprocess
 import sys
 from pathlib import Path, PurePosixPath
 from typing import Any
+
+from bench import Arguments, leave_out, note, show
 
 ROOT = Path(__file__).resolve().parents[1]
 CORPUS = Path(__file__).with_name("step_corpus.json")
@@ -71,33 +72,21 @@ def run_file(listed: dict[str, Any], folder: Path, limit_s: float) -> dict[str, 
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--json", action="store_true")
+    parser = Arguments(__doc__)
+    parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--only", nargs="*", help="names of files")
     parser.add_argument("--limit-s", type=float, default=900.0, help="of one file")
     args = parser.parse_args()
+    if args.folder is None:
+        leave_out("needs a folder with the public STEP files that step_corpus.json lists")
     rows = []
     for listed in json.loads(CORPUS.read_text()):
         if args.only and PurePosixPath(listed["path"]).name not in args.only:
             continue
-        row = run_file(listed, args.folder, args.limit_s)
-        rows.append(row)
-        if not args.json:
-            figures = (
-                f"{row['compiled']:3} compiled, {len(row['refused'])} refused, "
-                f"{row['triangles']:7} triangles, {row['cpu_s']:6.1f} CPU s"
-                if "compiled" in row
-                else ""
-            )
-            print(f"{row['file']:34} {row['state']:12} {figures}", flush=True)
-            for reason in row.get("refused", []):
-                print(f"    {reason.splitlines()[0][:160]}")
+        rows.append(run_file(listed, args.folder, args.limit_s))
+        note(rows[-1])
     right = sum(row["state"] == "as listed" for row in rows)
-    if args.json:
-        print(json.dumps({"files": rows, "as_listed": right}))
-    else:
-        print(f"{right} of {len(rows)} files as listed")
+    show(args, rows, {"files": len(rows), "as listed": right})
     return 0 if right == len(rows) else 1
 
 

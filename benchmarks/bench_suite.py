@@ -10,7 +10,6 @@ CPU seconds of each unit that `tests/scheduling.py` hands out; run the whole def
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
@@ -24,8 +23,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from bench import ROOT, Arguments, show
 
-ROOT = Path(__file__).resolve().parents[1]
 NOTES = "CELLCTL_SUITE_NOTES"  # folder that each process of pytest writes its file to
 SHOWN_COUNT = 30
 KEPT_S = 1.0  # units of less do not matter for the order
@@ -95,32 +94,22 @@ def measured(arguments: list[str]) -> dict[str, Any]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true")
+    parser = Arguments(__doc__)
     parser.add_argument("--keep", action="store_true")
     args, more = parser.parse_known_args()
+    if args.quick:
+        more = more or ["-n", "0", "tests/unit/test_benchmarks.py"]
     suite = measured(more)
     if args.keep:
         units = suite["units"].items()
         kept = {unit: round(sums["own_s"] + sums["programs_s"], 1) for unit, sums in units}
         text = json.dumps({unit: s for unit, s in kept.items() if s >= KEPT_S}, indent=1)
         (ROOT / "tests" / "data" / "typical_seconds.json").write_text(text + "\n")
-    if args.json:
-        print(json.dumps(suite))
-        return int(suite["code"])
-    print(
-        f"{suite['test_count']} tests, {suite['seconds']:.0f} s, {suite['cpu_s']:.0f} CPU s, "
-        f"{suite['rest_cpu_s']:.0f} of them in no test"
-    )
-    print(f"{'unit':46} {'tests':>5} {'own':>6} {'programs':>8} {'clock':>6}  [s]")
     units = sorted(suite["units"].items(), key=lambda u: -u[1]["own_s"] - u[1]["programs_s"])
-    for unit, s in units[:SHOWN_COUNT]:
-        print(
-            f"{unit:46} {s['count']:5.0f} {s['own_s']:6.1f} {s['programs_s']:8.1f} "
-            f"{s['seconds']:6.1f}"
-        )
-    for row in suite["dearest"]:
-        print(f"{row['own_s'] + row['programs_s']:6.1f} CPU s  {row['test']}")
+    rows = [{"unit": unit, **sums} for unit, sums in units]
+    figures = {key: suite[key] for key in ("test_count", "seconds", "cpu_s", "rest_cpu_s")}
+    dearest = {row["test"]: row["own_s"] + row["programs_s"] for row in suite["dearest"]}
+    show(args, rows if args.json else rows[:SHOWN_COUNT], dearest | figures)
     return int(suite["code"])
 
 

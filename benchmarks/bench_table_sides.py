@@ -13,21 +13,18 @@ answer that is wrong and names the right one beside it is undecided: the cell lo
 below 1000 are there to develop with.
 """
 
-import argparse
-import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench import SHARED, Arguments, show
 from inspection_scenes import ROOT, Array, Station
 from recognition_symmetry import Surface
-from shared_files import SHARED
 
 from controller.cad.compiled import CompileOptions, load_part
 from controller.cell.compute.job import glowing_mask
@@ -131,30 +128,13 @@ def is_right(T_answer: Array, T_true: Array, surface: Surface) -> bool:
     return True
 
 
-def summary(rows: Sequence[Words]) -> Words:
-    """Return how many answers of which kind, for each part and in all."""
-    out: Words = {}
-    for surfaces in sorted({row["surfaces"] for row in rows}):
-        mine = [row for row in rows if row["surfaces"] == surfaces]
-        out[surfaces] = {
-            "all": dict(Counter(row["kind"] for row in mine)),
-            "seconds": round(float(np.mean([row["seconds"] for row in mine])), 2),
-            "parts": {
-                part: dict(Counter(row["kind"] for row in mine if row["part"] == part))
-                for part in sorted({row["part"] for row in mine})
-            },
-        }
-    return out
-
-
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Arguments(__doc__, parts=["holder"], seeds="1011")
     parser.add_argument("--parts", nargs="*", help="names of parts of the recipes, or CAD files")
     parser.add_argument("--seeds", default="1000-1001", help="A or A-B")
     parser.add_argument("--surfaces", nargs="*", default=["machined"])
     parser.add_argument("--off-mm", type=float, default=0.1)
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     files = cad_files()
     if args.parts:
@@ -171,14 +151,9 @@ def main() -> int:
     with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
         for found in pool.map(run_one, cases):
             rows += found
-            for row in found:
-                if row["kind"] != "right" and not args.json:
-                    print({k: v for k, v in row.items() if k != "seconds"}, flush=True)
-    if args.json:
-        print(json.dumps({"rows": rows, "summary": summary(rows)}))
-    else:
-        print(json.dumps(summary(rows), indent=1))
-    return 0
+    kinds = Counter(row["kind"] for row in rows)
+    show(args, rows, {**kinds, "mean s": float(np.mean([row["seconds"] for row in rows]))})
+    return int(kinds["wrong"] > 0)
 
 
 if __name__ == "__main__":

@@ -1,47 +1,37 @@
 """Good specimens' pictures with a fault of the station put in: how many verdicts for its sake?
 
     python benchmarks/bench_traps.py FOLDER... [--kinds glare_one,covered_all] [--count 2]
-           [--seed 1] [--over hole_missing,...] [--jobs 2] [--json] [--out outcomes.jsonl]
-           [--scratch FOLDER] [--only dev/s0001,...] [--skip-good]
-    python benchmarks/bench_traps.py --tables outcomes.jsonl... [--json]
+           [--seed 1] [--jobs 2] [--json]
 
 FOLDER as benchmarks/trace_held.py writes it. COUNT of each fault (benchmarks/trap_pictures.py) are
 put into the pictures of its good specimens in turn, each by its own seed, and judged by
 `cellctl inspect` in a process of its own, beside the untouched sets in the same run.
 
 The part is good: a FAIL where the untouched set has none is for the fault's sake. A PASS is not
-wrong of the part, but was given on pictures that are not what the set says.
-
-With --over, the CAD file is changed as well (benchmarks/twisted_parts.py), so that the part has a
-defect: then every PASS is a wrong one, and the fault may be what hides the defect.
+wrong of the part, but was given on pictures that are not what the set says: it counts.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
+import tempfile
 import zlib
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from bench import Arguments, need_sets, note, show
 from bench_inspect import Sets, run_command
-from bench_twisted import add_arguments, outcomes_of, parsed, twist_of, write_set
-from inspection_counts import (
-    Outcome,
-    by_kind,
-    outcome,
-    print_counts,
-)
+from inspection_truth import judged
 from trace_held_sensor import Picture, Pictures
 from trap_pictures import FAULTS
-from twisted_good import Good, Twist
-from twisted_parts import KINDS
 
 Words = dict[str, Any]
 UNTOUCHED = "untouched"
@@ -49,47 +39,36 @@ UNTOUCHED = "untouched"
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What is judged: a good specimen, the fault, its seed; against which changed CAD file."""
+    """What is judged: the pictures of a good specimen, the fault, its seed."""
 
     sets: Sets
-    good: Good
+    truth: Words
     kind: str
     seed: int
-    over: str = ""
-    twist: Twist | None = None
 
     @property
-    def name(self) -> str:
-        return f"{self.kind} over {self.over}" if self.over else self.kind
+    def specimen(self) -> str:
+        return f"{self.sets.path.name}/{self.truth['specimen']}"
 
 
 def cases_of(
-    goods: Sequence[tuple[Sets, Good]], kinds: Sequence[str], over: Sequence[str], count: int,
-    seed: int, *, with_good: bool = True,
-) -> Iterator[Case]:  # fmt: skip
+    goods: Sequence[tuple[Sets, Words]], kinds: Sequence[str], count: int, seed: int
+) -> Iterator[Case]:
     """Yield the untouched sets, then one of each fault in turn until there are enough.
 
     Parameters
     ----------
-    goods : whose pictures are spoilt
+    goods : good specimens whose pictures are spoilt
     kinds, count : of faults, and how many of each
-    over : changes of the CAD file, in turn; none: the right one
     seed : of the first of each fault
-    with_good : with the untouched sets
     """
-    for sets, good in goods if with_good else ():
-        yield Case(sets, good, UNTOUCHED, 0)
+    for sets, truth in goods:
+        yield Case(sets, truth, UNTOUCHED, 0)
     turn = 0
     for nth in range(seed, seed + count):
         for kind in kinds:
             turn += 1
-            for ahead in range(len(goods)):
-                sets, good = goods[(turn + nth + ahead) % len(goods)]
-                defect = over[turn % len(over)] if over else ""
-                twist = twist_of(good, defect, nth) if defect else None
-                if twist is not None or not defect:
-                    yield Case(sets, good, kind, nth, defect, twist)
-                    break
+            yield Case(*goods[(turn + nth) % len(goods)], kind, nth)
 
 
 def read_pictures(folder: Path) -> Pictures:
@@ -107,98 +86,95 @@ def _grey(path: Path) -> Picture:
     return np.asarray(picture)
 
 
-def spoilt(case: Case) -> tuple[Pictures, Pictures, Words]:
-    """Return a case's pictures as they were and with the fault, and what was drawn."""
-    source = case.sets.folder(case.good.truth)
-    start = [case.seed, zlib.crc32(f"{case.kind} {case.good.truth['seed']}".encode())]
+def spoilt(case: Case) -> tuple[Pictures, Pictures]:
+    """Return a case's pictures as they were, and with the fault."""
+    start = [case.seed, zlib.crc32(f"{case.kind} {case.truth['seed']}".encode())]
     rng = np.random.default_rng(start)
-    before = read_pictures(source)
-    others = [s for s in case.sets.specimens if s["part"] != case.good.truth["part"]]
+    before = read_pictures(case.sets.folder(case.truth))
+    others = [s for s in case.sets.specimens if s["part"] != case.truth["part"]]
     other: Pictures = []
     if case.kind.startswith("other_part") and others:
         other = read_pictures(case.sets.folder(others[int(rng.integers(len(others)))]))
     after = [dict(view) for view in before]
-    drawn = FAULTS[case.kind](after, rng, other or before)
-    return before, after, drawn
+    FAULTS[case.kind](after, rng, other or before)
+    return before, after
 
 
-def judge(case: Case, scratch: Path) -> Outcome:
-    """Write a case's set, and return what the command says of it."""
-    truth = case.good.truth if case.twist is None else case.twist.truth
-    source, drawn = case.sets.folder(truth), {}
-    set_file = source / "SET.json"
-    if case.kind != UNTOUCHED:
-        where = f"{case.sets.path.name}_{truth['specimen']}_{case.name}_{case.seed}"
-        folder = scratch / where.replace(" ", "_")
-        body = case.good.body if case.twist is None else case.twist.body
-        set_file = write_set(source, folder, truth, body)
-        if case.twist is None:  # its own CAD file
-            words = json.loads(set_file.read_text())
-            part = source / json.loads((source / "SET.json").read_text())["part"]
-            set_file.write_text(json.dumps(words | {"part": os.path.relpath(part, folder)}))
-        before, after, drawn = spoilt(case)
-        write_spoilt(set_file, before, after)
-    lines, message = run_command(set_file, None)
-    done = outcome(truth, case.name, case.seed, json.dumps(drawn), lines, message)
-    return replace(done, is_shown=True, specimen=f"{case.sets.path.name}/{done.specimen}")
-
-
-def write_spoilt(set_file: Path, before: Pictures, after: Pictures) -> None:
-    """Write the pictures that changed, and the set without those that are gone."""
-    words = json.loads(set_file.read_text())
+def write_spoilt(case: Case, folder: Path) -> Path:
+    """Write a set with the pictures that changed, without those that are gone; return its file."""
+    source = case.sets.folder(case.truth)
+    folder.mkdir(parents=True)
+    words = json.loads((source / "SET.json").read_text())
+    words["part"] = os.path.relpath(source / words["part"], folder)
     kept = []
-    for view, was, now in zip(words["views"], before, after, strict=True):
+    for view, was, now in zip(words["views"], *spoilt(case), strict=True):
         files = {}
         for lamp, picture in now.items():
-            files[lamp] = view["pictures"][lamp]
+            files[lamp] = os.path.relpath(source / view["pictures"][lamp], folder)
             if picture is not was[lamp]:
                 files[lamp] = f"{view['id']}_{lamp}.png"
-                cv2.imwrite(str(set_file.parent / files[lamp]), picture)
+                cv2.imwrite(str(folder / files[lamp]), picture)
         if files:
             kept.append(view | {"pictures": files})
+    set_file = folder / "SET.json"
     set_file.write_text(json.dumps(words | {"views": kept}))
+    return set_file
 
 
-def report(done: Sequence[Outcome]) -> Words:
-    """Return counts by fault, with how many failed where the untouched set did not."""
-    was = {o.specimen: o.verdict for o in done if o.kind == UNTOUCHED}
-    every = [*done, *(replace(o, kind="all faults") for o in done if o.kind != UNTOUCHED)]
-    rows = by_kind(every, UNTOUCHED)
-    for kind, row in rows.items():
-        mine = [o for o in every if o.kind == kind and o.verdict == "fail"]
-        row["for_its_sake"] = sum(was.get(o.specimen) not in (None, "fail") for o in mine)
-    return rows
+def judge(case: Case, scratch: Path) -> Words:
+    """Return what the command says of a case."""
+    set_file = case.sets.folder(case.truth) / "SET.json"
+    if case.kind != UNTOUCHED:
+        name = f"{case.specimen}_{case.kind}_{case.seed}".replace("/", "_")
+        set_file = write_spoilt(case, scratch / name)
+    lines, message = run_command(set_file, None)
+    told = judged(case.truth, lines, len(case.truth["poses"]), message)
+    row = {"specimen": case.specimen, "kind": case.kind, "seed": case.seed}
+    return row | {"verdict": told.verdict, "s a view": told.seconds, "message": message}
+
+
+def report(rows: Sequence[Words]) -> tuple[list[Words], Words]:
+    """Return counts by fault, with how many failed where the untouched set did not; and sums."""
+    was = {row["specimen"]: row["verdict"] for row in rows if row["kind"] == UNTOUCHED}
+    counts: list[Words] = []
+    for kind in dict.fromkeys(row["kind"] for row in rows):
+        mine = [row for row in rows if row["kind"] == kind]
+        verdicts = Counter(row["verdict"] for row in mine)
+        sake = sum(row["verdict"] == "fail" != was.get(row["specimen"], "fail") for row in mine)
+        shown = {v: verdicts[v] for v in ("pass", "fail", "indeterminate", "error")}
+        counts.append({"fault": kind, "n": len(mine), **shown, "for its sake": sake})
+    faults = [row for row in counts if row["fault"] != UNTOUCHED]
+    keys = ("n", "pass", "fail", "for its sake")
+    return counts, {key: sum(row[key] for row in faults) for key in keys}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    add_arguments(parser, FAULTS, "fault")
-    parser.add_argument("--over", type=lambda s: s.split(","), default=[], help="defects, in turn")
+    parser = Arguments(__doc__)
+    parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
+    parser.add_argument("--kinds", type=lambda s: s.split(","), default=list(FAULTS))
     parser.add_argument("--count", type=int, default=2, help="of each fault (default: 2)")
-    args = parsed(parser, argv)
-    for given, known in ((args.kinds, FAULTS), (args.over, KINDS)):
-        if unknown := set(given) - set(known):
-            parser.error(f"not known: {', '.join(sorted(unknown))}; known: {', '.join(known)}")
+    parser.add_argument("--seed", type=int, default=1, help="of the first of each fault")
+    parser.add_argument("--jobs", type=int, default=1, help="processes at once")
+    args = parser.parse_args(argv)
+    need_sets(args.folders, "trace_held.py")
+    if unknown := set(args.kinds) - set(FAULTS):
+        parser.error(f"not known: {', '.join(sorted(unknown))}; known: {', '.join(FAULTS)}")
     cv2.setNumThreads(1)
-    try:
-        done = outcomes_of(
-            args,
-            lambda goods: cases_of(
-                goods, args.kinds, args.over, args.count, args.seed, with_good=not args.skip_good
-            ),
-            judge,
-        )
-    except (OSError, ValueError) as error:
-        print(f"bench_traps: {error}", file=sys.stderr)
-        return 2
-    told = report(done)
-    if args.json:
-        print(json.dumps({"counts": told, "outcomes": [asdict(o) for o in done]}))
-    else:
-        print_counts(told, "good parts" if not args.over else "parts with a defect")
-        sake = {kind: row["for_its_sake"] for kind, row in told.items() if row["for_its_sake"]}
-        print(f"FAIL where the untouched set has none: {sake or 'none'}")
-    return 0
+    goods = [
+        (sets, truth)
+        for sets in (Sets(path.resolve(), [], 0) for path in args.folders)
+        for truth in sets.specimens
+        if truth["cls"] == "good"
+    ]
+    rows = []
+    with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(args.jobs) as pool:
+        cases = cases_of(goods, args.kinds, args.count, args.seed)
+        for row in pool.map(lambda case: judge(case, Path(scratch)), cases):
+            rows.append(row)
+            note(row)
+    counts, sums = report(rows)
+    show(args, counts, sums | ({"judged": rows} if args.json else {}))
+    return int(bool(sums["pass"] or sums["for its sake"]))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,6 @@ not, or when a session did not end.
 
 import argparse
 import asyncio
-import json
 import random
 import sys
 import time
@@ -26,16 +25,12 @@ from collections.abc import Awaitable, Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "cross"), str(ROOT / "tests" / "unit")]
-
-from test_umi_over_pty import random_targets  # noqa: E402  (path set above)
-from umi_line_faults import (  # noqa: E402  (path set above)
+from bench import Arguments, show
+from test_umi_over_pty import random_targets
+from umi_line_faults import (
     LineFault,
     Noise,
     Result,
@@ -47,8 +42,8 @@ from umi_line_faults import (  # noqa: E402  (path set above)
     run_session,
 )
 
-from drivers.umi_scara import Axis, UmiScara, kinematics  # noqa: E402
-from drivers.umi_scara.model.kinematics import COUNTS_ORDER  # noqa: E402
+from drivers.umi_scara import Axis, UmiScara, kinematics
+from drivers.umi_scara.model.kinematics import COUNTS_ORDER
 
 # Largest way of one interpolation command, which moves without an order to go: umi_rtx.md 2.7.
 STEP_COUNTS = 8.0
@@ -195,39 +190,12 @@ def noise(args: argparse.Namespace) -> int:
             rows, bad = noise_rows(pool.map(run_noisy, cases, chunksize=5))
     noisy = [row for row in rows if row["bursts"]]
     whole = {name: sum(row[name] for row in noisy) for name in ("sessions", "done", "fault", "bad")}
-    if args.json:
-        print(json.dumps({"noisy": whole, "rows": rows, "bad": bad, "rate": args.rate}))
-        return 1 if bad else 0
-    print("session way           bursts sessions  done fault  bad  largest")
-    for row in rows:
-        more = "+" if row["bursts"] == 3 else " "
-        print(
-            f"{row['session']:7} {row['way']:13} {row['bursts']:5d}{more} {row['sessions']:8d}"
-            f" {row['done']:5d} {row['fault']:5d} {row['bad']:4d}"
-            f" {row['largest_unasked_counts']:8.1f}"
-        )
-    print("with noise: " + ", ".join(f"{name} {value}" for name, value in whole.items()))
-    for one in bad:
-        print(json.dumps(one))
+    show(args, rows, whole | {"bad ones": bad[:20]})
     return 1 if bad else 0
 
 
-def print_table(rows: list[dict[str, Any]], bad: list[Any]) -> None:
-    print("session way           kind       runs  recov.  went on  fault  moved  false  largest")
-    for row in rows:
-        print(
-            f"{row['session']:7} {row['way']:13} {row['kind']:8} {row['runs']:6d}"
-            f" {row['recovered'] + row['clean']:7d} {row['went on after a fault']:8d}"
-            f" {row['fault']:6d} {row['moved_unasked']:6d} {row['false_done']:6d}"
-            f" {row['largest_unasked_counts']:8.1f}"
-        )
-    for one in bad[:20]:
-        print(json.dumps(one))
-
-
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser = Arguments(__doc__, sample=40)
     parser.add_argument("--sample", type=int, help="number of faults, drawn at random")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--flips", type=int, default=1, help="bits flipped per byte (default: 1)")
@@ -242,7 +210,7 @@ def main() -> int:
         return noise(args)
     if args.cost:
         rows = asyncio.run(cost())
-        print(json.dumps({"rows": rows}) if args.json else "\n".join(map(str, rows)))
+        show(args, rows, {})
         return 0
     began_s = time.perf_counter()
     with quiet():
@@ -266,11 +234,7 @@ def main() -> int:
         "largest_unasked_counts": max((row["largest_unasked_counts"] for row in rows), default=0.0),
         "seconds": round(time.perf_counter() - began_s, 1),
     }
-    if args.json:
-        print(json.dumps(whole | {"rows": rows, "bad": bad, "seed": args.seed}))
-    else:
-        print_table(rows, bad)
-        print(", ".join(f"{name} {value}" for name, value in whole.items()))
+    show(args, rows, {"bad ones": bad[:20], "seed": args.seed, **whole})
     return 1 if bad else 0
 
 

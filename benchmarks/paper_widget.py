@@ -14,7 +14,6 @@ what `cellctl compile` finds, beside the paper's. `--pictures` draws the nine vi
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import json
 import sys
@@ -24,18 +23,15 @@ from typing import Any
 
 import cv2
 import numpy as np
+from bench import ROOT, Arguments, show
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull
+from table_pictures import overhead, picture, resting, silhouette
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
-
-from table_pictures import overhead, picture, resting, silhouette  # noqa: E402  (path set above)
-
-from controller.cad import Solid, load_solid  # noqa: E402
-from controller.cad.resting import stable_poses  # noqa: E402
-from controller.cad.views import line_view  # noqa: E402
+from controller.cad import Solid, load_solid
+from controller.cad.resting import stable_poses
+from controller.cad.views import line_view
 
 Array = NDArray[np.float64]
 
@@ -251,8 +247,7 @@ def photograph(solid: Solid, folder: Path) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", action="store_true")
+    parser = Arguments(__doc__)
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--pictures", type=Path)
     parser.add_argument("--table", type=Path)
@@ -278,18 +273,8 @@ def main() -> int:
         "heights_of_eleven": eleven.round(4).tolist(),
         "residual_of_eleven": float(np.abs(off_eleven).max()),
         "centre_mm": np.round(solid.centroid_mm, 4).tolist(),
-        "rows": rows_of(solid),
     }
-    if args.json:
-        print(json.dumps(found, indent=1))
-        return 0
-    for key, value in found.items():
-        if key != "rows":
-            print(f"{key}: {value}")
-    print("| view | up, paper | up, found | energy, paper | energy, found |\n|---|---|---|---|---|")
-    for row in rows_of(solid):
-        paper, up = (" ".join(f"{v:g}" for v in row[k]) for k in ("paper_up", "up"))
-        print(f"| {row['view']} | {paper} | {up} | {row['paper_energy']:g} | {row['energy']:g} |")
+    show(args, rows_of(solid), found)
     return 0
 
 

@@ -10,26 +10,21 @@ while every pose and joint of a plan stays.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import hashlib
-import json
 import sys
 import time
 from collections.abc import Mapping
 from enum import Enum
-from pathlib import Path
 
 import numpy as np
+from bench import ROOT, Arguments, note, show
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
-
-from controller.cad import StablePose  # noqa: E402  (path set above)
-from controller.cad.compiled import load_part  # noqa: E402
-from controller.cell.compute import part_files  # noqa: E402
-from controller.config import load_cell, load_recipe  # noqa: E402
-from controller.planning import (  # noqa: E402
+from controller.cad import StablePose
+from controller.cad.compiled import load_part
+from controller.cell.compute import part_files
+from controller.config import load_cell, load_recipe
+from controller.planning import (
     CellLayout,
     NoPlanError,
     OnTable,
@@ -38,7 +33,7 @@ from controller.planning import (  # noqa: E402
     prepare_part,
     resting_pose,
 )
-from controller.setup.planner import planner_setup  # noqa: E402
+from controller.setup.planner import planner_setup
 
 RECIPES = ("featuretype", "flange_xy", "holder", "idler_riser", "widget")
 LIKELY = 0.03
@@ -132,29 +127,18 @@ def digests(name: str, *, numbers: bool = False) -> dict[str, object]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Arguments(__doc__, recipes=["holder"])
     parser.add_argument("--recipes", nargs="*", default=list(RECIPES), metavar="NAME")
     parser.add_argument("--numbers", action="store_true", help="leave words out of the digests")
-    parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")
     args = parser.parse_args()
     rows = []
     for name in args.recipes:
         row = digests(name, numbers=args.numbers)
-        rows.append(row)
-        if not args.json:
-            print(
-                f"{name}: prepared {row['prepared']}, {row['prepare_cpu_s']:.1f} s; plans in "
-                f"{row['plan_cpu_s']:.1f} s",
-                flush=True,
-            )
-            plans = row["plans"]
-            assert isinstance(plans, dict)
-            for what, found in plans.items():
-                print(f"  {what:20} {found}")
-    if args.json:
-        print(json.dumps({"recipes": rows}))
+        plans = row.pop("plans")
+        assert isinstance(plans, dict)
+        rows.append(row | plans)
+        note(row)
+    show(args, rows, {"plans": sum(key.startswith("pose") for row in rows for key in row)})
     return 0
 
 

@@ -6,14 +6,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit")]
+from bench import ROOT, SHARED
+from recognition_parts import cad_files
 
-from recognition_parts import cad_files  # noqa: E402
-from shared_files import SHARED  # noqa: E402  (path set above)
-
-from controller.cad import StablePose  # noqa: E402
-from controller.cad.compiled import CompiledPart, load_part  # noqa: E402
+from controller.cad import StablePose
+from controller.cad.compiled import CompiledPart, load_part
 
 CSG_PARTS = ROOT / "benchmarks" / "parts"
 

@@ -1,4 +1,4 @@
-"""Every end is a stop, and a start after a kill moves nothing: reduced forms of two benchmarks.
+"""Every end is a stop, and a start after a kill moves nothing.
 
 The emulated cell is a process of its own here; what moved is its own word.
 """
@@ -14,7 +14,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-from bench_ends import WAYS, end_by
+from ends import WAYS, end_by
 from kill_world import kill_world, let_go_count, lines_of, start
 
 SPEED = 10.0

@@ -1,23 +1,18 @@
 """Judges plans: does each view show what it says, does every piece of surface have its reason.
 
 Shares no code with `controller.planning`, whose dataclasses it reads: own kinematics and contacts
-(planning_contacts), own exact sight lines (benchmarks/planning_sight.py), own search for views of
+(planning_contacts), own exact sight lines (planning_sight), own search for views of
 what a plan leaves unseen (planning_showable).
 """
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
 from planning_checker import Moment, follow
 from planning_contacts import finger_boxes, frames
 from planning_showable import Class, Evidence, Showable

@@ -7,17 +7,12 @@ empty is the reason (planning-facts.md 1.3); if none is, the sample could have b
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
 from planning_contacts import Checker, finger_boxes, frames, joints_for
 from planning_sight import (
     LIFT_MM,

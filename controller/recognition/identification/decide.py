@@ -18,9 +18,9 @@ SHOWN_JUMP_MM = 1.5  # height of a step that always shows, by its shadow
 MAX_MISFIT_PX = 0.65
 # Score from which a part is named. Two to one, since a false name costs more than a refusal: under
 # lamps it accepts 1 of 353 strangers and refuses 19 of 391 right answers; 0.5 accepts 5 and
-# refuses 11 (benchmarks/fit_scores.py).
+# refuses 11 (ADR 8).
 KNOWN = 0.65
-LOG_ODDS_SCALE = 3.0  # benchmarks/fit_scores.py: probabilities come out too sure by about so much
+LOG_ODDS_SCALE = 3.0  # ADR 8: probabilities come out too sure by about so much
 CONVINCING = 0.9
 CONVINCING_PX = 0.6  # with a worse fit another hypothesis may lie near by
 DECIDES = 6.0  # log-odds from which a hypothesis is ruled out: 7 to 1 on that scale

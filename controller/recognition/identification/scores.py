@@ -47,9 +47,9 @@ class Weights:
     length: float = 0.0
 
 
-# Fitted by benchmarks/fit_scores.py to path-traced pictures of 26 parts, and under lamps of 14 with
-# `--halves` and trace_pictures.py's `--wide`; recognition is judged by other pictures. A whole
-# outline is judged without its inside.
+# Fitted (ADR 8, 58) to path-traced pictures of 26 parts, and under lamps of 14, each set twice more
+# with half of its parts unknown, and trace_pictures.py's `--wide`; recognition is judged by other
+# pictures. A whole outline is judged without its inside.
 SILHOUETTE = Weights(-6.4, 0.0, 12.22, 0.0, -3.66, -1.45, 0.0, 0.0)
 FRONT = Weights(-9.62, 0.0, 7.47, 5.48, -1.46, -1.85, 4.48, 0.24)
 INNER_HALF_MM = 20.0  # length of inner edges that counts half beside the outline

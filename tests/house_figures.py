@@ -1,6 +1,6 @@
 """Figures of the house: how large it is, who imports whom, what stands twice, what is documented.
 
-python benchmarks/house_figures.py [CHECKOUT] [--json]
+python tests/house_figures.py [CHECKOUT] [--json]
 
 Reads the sources of a checkout and runs none of them. A room is a package two levels deep
 (`controller.cad`), within `controller.planning` one of three. An arrow is one room that imports
@@ -659,9 +659,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    here = Path(__file__).resolve().parents[1]
-    parser.add_argument("checkout", type=Path, nargs="?", default=here)
     parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")
+    parser.add_argument(
+        "checkout", type=Path, nargs="?", default=Path(__file__).resolve().parents[1]
+    )
     args = parser.parse_args()
     figures = house_figures(args.checkout.resolve())
     if args.json:

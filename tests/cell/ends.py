@@ -1,20 +1,16 @@
 """Every end is a stop: end a run in each way while the arm moves, and see what is left.
 
-    python benchmarks/bench_ends.py [--ways terminal terminate ...] [--speed 10] [--json]
-
 The emulated cell is a process of its own, so that the world tells what arm and jaws did afterwards.
 Ways: the terminal is closed, SIGTERM, SIGHUP, Ctrl-Z, the reader of the output leaves, the parent
 is killed, the worker process is killed, the emulated cell is killed. The part stays in the gripper,
 so that the next start must be refused, too.
 """
 
-import argparse
 import json
 import os
 import pty
 import signal
 import sys
-import tempfile
 import termios
 import time
 from collections.abc import Callable
@@ -217,27 +213,3 @@ def the_next_start(world: KillWorld, runs: Path) -> str:
         before
     ) != let_go_count(after)
     return f"{result.get('end')}, {'something' if has_moved else 'nothing'} moved"
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--ways", nargs="+", default=list(WAYS), choices=list(WAYS))
-    parser.add_argument("--speed", type=float, default=10.0)
-    parser.add_argument("--json", action="store_true")
-    args = parser.parse_args()
-    outcomes = []
-    for name in args.ways:
-        with tempfile.TemporaryDirectory() as folder:
-            outcomes.append(end_by(name, args.speed, Path(folder)))
-        if not args.json:
-            one = outcomes[-1]
-            print(f"{name}: {'ok' if one['ok'] else 'NOT OK'}")
-            for key, value in one.items():
-                print(f"  {key:14} {value}", flush=True)
-    if args.json:
-        print(json.dumps({"bench": "ends", "ends": outcomes}))
-    return 0 if all(one["ok"] for one in outcomes) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())
