@@ -1,4 +1,4 @@
-"""The one decoder. JPEG by libjpeg-turbo with its warnings as errors (ADR 106), else OpenCV."""
+"""The one decoder. JPEG by libjpeg-turbo with its warnings as errors (ADR 18), else OpenCV."""
 
 from typing import Any, Final, Literal
 
