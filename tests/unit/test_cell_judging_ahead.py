@@ -11,20 +11,15 @@ from controller.cell.services.records import PartRecord
 
 def bench(part: PartRecord, judge_ahead: Any, background: Background) -> JudgingAhead:
     record: Any = SimpleNamespace(part=part, product=None)
-    views: Any = SimpleNamespace(take_ready=lambda: None)
     compute: Any = SimpleNamespace(judge_ahead=judge_ahead)
     part_file: Any = SimpleNamespace(
         text=lambda part, product, views: f"{len(views)} views", path=lambda part: Path("file")
     )
-    return JudgingAhead(record, views, compute, background, part_file)
+    return JudgingAhead(record, compute, background, part_file)
 
 
-def shown(task: asyncio.Task[str]) -> Any:
-    return SimpleNamespace(task=task)
-
-
-async def result() -> str:
-    return "a result"
+def shown() -> Any:
+    return SimpleNamespace()
 
 
 def test_a_grasp_that_is_over_is_judged_piece_by_piece_until_nothing_is_left() -> None:
@@ -39,7 +34,7 @@ def test_a_grasp_that_is_over_is_judged_piece_by_piece_until_nothing_is_left() -
             return len(asked) < 3
 
         part = PartRecord(number=1)
-        part.pending = [shown(asyncio.create_task(result())) for _ in range(2)]
+        part.pending = [shown(), shown()]
         ahead = bench(part, judge_ahead, Background())
         ahead.begin()
         await is_done.wait()
@@ -61,10 +56,10 @@ def test_nothing_is_asked_of_a_part_whose_judging_ahead_was_dropped() -> None:
         background, is_free = Background(), asyncio.Event()
         busy = asyncio.create_task(background.put(is_free.wait))
         part = PartRecord(number=1)
-        part.pending = [shown(asyncio.create_task(result()))]
+        part.pending = [shown()]
         ahead = bench(part, judge_ahead, background)
         ahead.begin()
-        await part.pending[0].task
+        await asyncio.sleep(0)
         await ahead.aclose()
         is_free.set()
         await busy
@@ -87,3 +82,37 @@ def test_slow_questions_are_put_one_after_the_other() -> None:
         return log
 
     assert asyncio.run(run()) == ["a asked", "a answered", "b asked", "b answered"]
+
+
+def test_a_grasp_that_is_over_comes_before_the_views_that_wait_and_is_not_interrupted() -> None:
+    async def run() -> list[str]:
+        log: list[str] = []
+        is_judged = asyncio.Event()
+
+        async def own(name: str) -> None:
+            log.append(name)
+            await asyncio.sleep(0)
+
+        async def judge_ahead(*_: object) -> bool:
+            log.append("ahead")
+            await asyncio.sleep(0)
+            if log.count("ahead") == 3:
+                is_judged.set()
+            return log.count("ahead") < 3
+
+        background = Background()
+        part = PartRecord(number=1)
+        part.pending = [shown()]
+        views = [asyncio.create_task(background.put(own, f"v{i}")) for i in range(5)]
+        ahead = bench(part, judge_ahead, background)
+        ahead.begin()
+        await asyncio.wait_for(is_judged.wait(), 60)
+        await asyncio.gather(*views)
+        await ahead.aclose()
+        return log
+
+    log = asyncio.run(run())
+    first = log.index("ahead")
+    assert log[first : first + 3] == ["ahead"] * 3
+    assert first < 5, "some of the views that waited come after it"
+    assert [one for one in log if one != "ahead"] == [f"v{i}" for i in range(5)]

@@ -351,14 +351,19 @@ class PaperCompute:
     ) -> Located:
         name = re.sub(r"~\d+$", "", view)
         in_hand = backlit[0, 0] == 255 and name not in self.blind
+        self.shown.append(name)
         T = expected.copy()
         T[0, 3] += self.shift_mm.pop(name, 0.0)
         self.located[view] = Located(in_hand, "" if in_hand else "no outline", T)
         return self.located[view]
 
     async def inspect(self, view: str, *args: object) -> ViewResult:
+        return self._result(view)
+
+    def _result(self, view: str) -> ViewResult:
+        if view not in self.located:
+            return ViewResult(view, True, "", EYE, 0.0, 0.0, 0.0, (), mask(8, 9), np.zeros((0, 2)))
         name = re.sub(r"~\d+$", "", view)
-        self.shown.append(name)
         where = self.located[view]
         in_hand = where.evaluated
         return ViewResult(
@@ -385,7 +390,8 @@ class PaperCompute:
         return len(self.ahead_counts) % 2 == 1
 
     async def judge(self, set_path: Path) -> PartInspection:
-        assert load_view_set(set_path).views  # what is judged can be read by anybody
+        views = tuple(self._result(view.id) for view in load_view_set(set_path).views)
+        assert views  # what is judged can be read by anybody
         short = self.short_faces.pop(0) if self.short_faces else ()
         verdict = Verdict.INDETERMINATE if short else Verdict.PASS
         faces = tuple(
@@ -393,7 +399,7 @@ class PaperCompute:
             for i in short
         )
         ledger = PartVerdict(verdict, ("fine",), faces, 1.0, (), short_faces=short)
-        return PartInspection(verdict, ("fine",), (), (), (), ledger)
+        return PartInspection(verdict, ("fine",), views, (), (), ledger)
 
     async def surface_share(self, samples: np.ndarray) -> float:
         return float(samples.sum()) / SAMPLES

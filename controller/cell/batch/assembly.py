@@ -210,7 +210,7 @@ def assemble(
     background = Background()
     views = Views(record, compute, background, layout)
     part_file = PartFile(cell, layout, folder, calibration or SetCalibration())
-    ahead = JudgingAhead(record, views, compute, background, part_file)
+    ahead = JudgingAhead(record, compute, background, part_file)
     held_pose = HeldPose(record, views, motion, imaging, compute, recoveries, layout)
     preparation = Preparation([product.compute for product in products])
     stopping = Stopping(arm, gripper, lights, clock, cell.detection.stop_confirm_s)

@@ -481,9 +481,12 @@ def _inspected(
     lit: Mapping[str, Grey],
     located: inspecting.LocatedView | None = None,
 ) -> inspecting.ViewResult:
-    """Return the result of a view, with the CAD face of each sample."""
     pictures = inspecting.ViewPictures(backlit=backlit, lit=lit)
-    result = inspecting.inspect_view(c.posed, c.samples, task, pictures, located)
+    return _with_faces(c, inspecting.inspect_view(c.posed, c.samples, task, pictures, located))
+
+
+def _with_faces(c: Context, result: inspecting.ViewResult) -> inspecting.ViewResult:
+    """Return the result of a view, with the CAD face of each sample."""
     return replace(result, face_ids=c.samples.face_ids)
 
 
@@ -546,7 +549,8 @@ def judge(job: Job, set_path: Path) -> inspecting.PartInspection:
     _work_at_hand.cache_clear()
     pictures = read_pictures(set_path, file, kept)
     judging = Judging(file.recipe, set_path, set_path, file.learned)
-    return judge_views(file, context(job).part, pictures, judging, kept)
+    found = judge_views(file, context(job).part, pictures, judging, kept)
+    return replace(found, views=tuple(_with_faces(context(job), one) for one in found.views))
 
 
 @lru_cache(maxsize=1)

@@ -171,6 +171,7 @@ class InspectAction:
         part.plan, part.next_step, part.above_tray = plan, 0, None
         part.plan_count += 1
         self.record.note(plan_row(plan, is_ahead=False))
+        self.views.take_judged(found.views)
         await self._keep(stored, found, (f"put down as it had failed; views not shown: {left}",))
         return True
 
@@ -179,9 +180,9 @@ class InspectAction:
         return part.parked is not None or part.custody is not Custody.IN_ARM
 
     async def _judge(self) -> None:
-        await self.views.take_all()
-        await self._require_enough()
         stored, found = await self._judged()
+        self.views.take_judged(found.views)
+        await self._require_enough()
         self._require_all_compared(found)
         await self._keep(stored, found)
 

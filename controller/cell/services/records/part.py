@@ -167,6 +167,11 @@ class PartRecord:
         return merged([result.in_sight for result in self.results if result.evaluated])
 
     @property
+    def shown(self) -> tuple[Shown, ...]:
+        """All views shown, in their order, with a result or without."""
+        return (*self.judged, *self.pending)
+
+    @property
     def suspects(self) -> int:
         """Number of views with findings against the part, of those that have a result."""
         return sum(bool(result.evaluated and result.findings) for result in self.results)

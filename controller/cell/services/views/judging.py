@@ -1,6 +1,6 @@
 """Begins to judge the pictures of a view, whether they were just taken or are stored.
 
-Optional questions go to the worker process one at a time.
+Questions that do not hold up the arm go to the worker process one at a time.
 """
 
 import asyncio
@@ -26,10 +26,16 @@ class Background:
 
     The worker process answers questions in order. Urgent ones, for which the arm waits, are sent at
     once; the others are queued here.
+
+    Attributes
+    ----------
+    lane : held by whoever asks. Of the questions put, one at most waits for it; the judging of a
+        grasp that is over takes it before the rest, and keeps it
     """
 
     def __init__(self) -> None:
-        self._lane = asyncio.Lock()
+        self.lane = asyncio.Lock()
+        self._next = asyncio.Lock()
 
     async def put(
         self,
@@ -44,8 +50,12 @@ class Background:
         question : question of the compute service
         *args, **kwargs : its arguments
         """
-        async with self._lane:
+        async with self._next:
+            await self.lane.acquire()
+        try:
             return await question(*args, **kwargs)
+        finally:
+            self.lane.release()
 
 
 def judge_held(

@@ -13,12 +13,10 @@ from typing import Any
 
 from controller.cell.compute import Compute, OneTask
 from controller.cell.services.records import BatchRecord, PartRecord, Product, Shown
-from controller.inspection import ViewResult
 from controller.planning import Look, Present
 
 from .judging import Background
 from .part_file import PartFile
-from .views import Views
 
 log = logging.getLogger(__name__)
 
@@ -34,14 +32,12 @@ class JudgingAhead:
     Attributes
     ----------
     record : has the part
-    views : views with the awaited results
     compute : judges
     background : asks it
     part_file : writes what the part will be judged from
     """
 
     record: BatchRecord
-    views: Views
     compute: Compute
     background: Background
     part_file: PartFile
@@ -51,8 +47,9 @@ class JudgingAhead:
         """Begin with all views shown so far; returns at once."""
         self.drop()
         part, product = self.record.part, self.record.product
-        if part.judged or part.pending:
-            self._work_at_hand.begin(self._work(part, product, self.compute.judge_ahead))
+        if shown := part.shown:
+            work = self._work(part, product, shown, self.compute.judge_ahead)
+            self._work_at_hand.begin(work)
 
     def drop(self) -> None:
         """Go on with it no more."""
@@ -62,25 +59,17 @@ class JudgingAhead:
         """Drop the work, and wait until none of it runs in this process."""
         await self._work_at_hand.aclose()
 
-    async def _work(self, part: PartRecord, product: Product, judge_ahead: JudgeAhead) -> None:
+    async def _work(
+        self, part: PartRecord, product: Product, shown: Sequence[Shown], judge_ahead: JudgeAhead
+    ) -> None:
         try:
-            views = await self._results(part)
-            text = await asyncio.to_thread(self.part_file.text, part, product, views)
+            text = await asyncio.to_thread(self.part_file.text, part, product, shown)
             path, count = self.part_file.path(part), _view_count(part)
-            while await self.background.put(judge_ahead, path, text, count):
-                pass
+            async with self.background.lane:
+                while await judge_ahead(path, text, count):
+                    pass
         except Exception as error:  # noqa: BLE001  whatever it is: the part is judged as ever
             log.warning("part %d is not judged ahead: %s", part.number, error)
-
-    async def _results(self, part: PartRecord) -> Sequence[tuple[Shown, ViewResult]]:
-        """Return the views shown by now with their results, once there are all of them."""
-        pending = tuple(part.pending)
-        done = tuple(zip(part.judged, part.results, strict=True))
-        for shown in pending:
-            await asyncio.shield(shown.task)
-        if part is self.record.part:
-            self.views.take_ready()
-        return (*done, *((shown, shown.task.result()) for shown in pending))
 
 
 def _view_count(part: PartRecord) -> int:

@@ -26,7 +26,7 @@ from controller.config.view_set import (
     packed,
 )
 from controller.imaging import Camera, inverse_pose
-from controller.inspection import MEASURED_HOLD, PLANNED_HOLD, ViewResult, WorldBox
+from controller.inspection import MEASURED_HOLD, PLANNED_HOLD, WorldBox
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
@@ -70,7 +70,7 @@ class PartFile:
         return self.folder / f"part{part.number:03d}.views.json"
 
     def write(self, part: PartRecord, product: Product) -> WrittenViews:
-        """Write the views of a part that were judged; return the file.
+        """Write the views of a part that were shown; return the file.
 
         Parameters
         ----------
@@ -82,26 +82,24 @@ class PartFile:
         OSError : the file cannot be written
         """
         path = self.path(part)
-        data = self.text(part, product, tuple(zip(part.judged, part.results, strict=True))).encode()
+        data = self.text(part, product, part.shown).encode()
         path.write_bytes(data)
         return WrittenViews(path.name, hashlib.sha256(data).hexdigest())
 
-    def text(
-        self, part: PartRecord, product: Product, views: Sequence[tuple[Shown, ViewResult]]
-    ) -> str:
+    def text(self, part: PartRecord, product: Product, views: Sequence[Shown]) -> str:
         """Return the content of a file for some of a part's views.
 
         Parameters
         ----------
         part : part that they belong to
         product : product it belongs to
-        views : judged, in the order shown
+        views : located, in the order shown
         """
         body = self._file(part, product, _in_common_holds(views, self.layout))
         return body.model_dump_json(by_alias=True, exclude_none=True, indent=1) + "\n"
 
     def _file(
-        self, part: PartRecord, product: Product, judged: Sequence[tuple[Shown, int]]
+        self, part: PartRecord, product: Product, numbered: Sequence[tuple[Shown, int]]
     ) -> ViewSetFile:
         masks = [mask for mask in part.planned.values() if len(mask)]
         lights = {
@@ -110,7 +108,7 @@ class PartFile:
             if name != TABLE_PANEL
         }
         learned = product.recipe.inspection.learned
-        by_id = {shown.view: self._view(shown, number, part) for shown, number in judged}
+        by_id = {shown.view: self._view(shown, number, part) for shown, number in numbered}
         return ViewSetFile(
             schema=SCHEMA,
             part=product.inputs / split_cad(product.recipe.part).name,
@@ -147,21 +145,20 @@ class PartFile:
         )
 
 
-def _in_common_holds(
-    views: Sequence[tuple[Shown, ViewResult]], layout: CellLayout
-) -> list[tuple[Shown, int]]:
+def _in_common_holds(views: Sequence[Shown], layout: CellLayout) -> list[tuple[Shown, int]]:
     """Return views with the numbers of their grasps; those of one grasp share one hold.
 
     The first view of a grasp is taken where the plan expects the part; from then on the hold is
     known from that view. It is restated by the same hold, as all views of a grasp share it.
     """
-    learned = [shown for shown, _ in views if shown.hold is not None and shown.is_hold_measured]
+    learned = [shown for shown in views if shown.hold is not None and shown.is_hold_measured]
     numbers: dict[tuple[int, bytes], int] = {}
     found = []
-    for shown, result in views:
+    for shown in views:
         now = shown
-        if shown.hold is not None and not shown.is_hold_measured and result.evaluated:
-            own = inverse_pose(result.T_world_part) @ tcp_pose(layout, shown.q)
+        pose = None if shown.located is None else shown.located.result()
+        if not shown.is_hold_measured and pose is not None and pose.evaluated:
+            own = inverse_pose(pose.T_world_part) @ tcp_pose(layout, shown.q)
             same = [
                 other.T_part_tcp
                 for other in learned

@@ -1,12 +1,13 @@
 """Views of the part: judged in the worker process while the arm moves on.
 
 Each view has two results. The part's pose is known soon, and is all that the next motion may depend
-on. The comparison takes some ten times as long, and is collected when it is ready.
+on. The comparison takes some ten times as long, and is collected when it is ready, or with the
+verdict of the part, whichever is sooner.
 """
 
 import asyncio
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from controller import inspection as inspecting
 from controller.arrays import FloatArray, Grey
@@ -175,6 +176,20 @@ class Views:
             if task.cancelled() or task.exception() is not None:
                 return  # raised to whoever waits for it
             self._take(pending[0], task.result())
+
+    def take_judged(self, results: Sequence[inspecting.ViewResult]) -> None:
+        """Take all views from a judgement of the part; those without a result need none any more.
+
+        Parameters
+        ----------
+        results : of all views shown
+        """
+        self.take_ready()
+        by_id = {result.view_id: result for result in results}
+        for shown in tuple(self._record.part.pending):
+            shown.task.cancel()
+            self._take(shown, by_id[shown.view])
+        self._record.part.unlearned.clear()
 
     def _take(self, shown: Shown, result: inspecting.ViewResult) -> None:
         part = self._record.part
