@@ -25,7 +25,7 @@ CONVINCING = 0.9
 CONVINCING_PX = 0.6  # with a worse fit another hypothesis may lie near by
 DECIDES = 6.0  # log-odds from which a hypothesis is ruled out: 7 to 1 on that scale
 # Longest connected edge under several lamps that a part may leave unexplained. The longest on 44
-# right answers is 24 mm, on a flange of another bore 122 (docs/adr/0086).
+# right answers is 24 mm, on a flange of another bore 122 (docs/adr/0090).
 MAX_UNEXPLAINED_MM = 40.0
 
 

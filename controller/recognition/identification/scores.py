@@ -47,7 +47,7 @@ class Weights:
     length: float = 0.0
 
 
-# Fitted (ADR 8, 58) to path-traced pictures of 26 parts, and under lamps of 14, each set twice more
+# Fitted (ADR 8, 90) to path-traced pictures of 26 parts, and under lamps of 14, each set twice more
 # with half of its parts unknown, and trace_pictures.py's `--wide`; recognition is judged by other
 # pictures. A whole outline is judged without its inside.
 SILHOUETTE = Weights(-6.4, 0.0, 12.22, 0.0, -3.66, -1.45, 0.0, 0.0)
