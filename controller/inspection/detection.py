@@ -4,7 +4,7 @@ Every check records at each sample the smallest mark that would have passed its 
 outline, its largest unnoticed deviation. A mark of just that size passes in half of cases, since
 noise and texture change its response. This module combines these sizes, sample by sample, into the
 size found with a probability of 90 %. The figure comes from the noise model and its assumed
-contrasts, not from a count of found defects (ADR 35).
+contrasts, not from a count of found defects (ADR 17).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
