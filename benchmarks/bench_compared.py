@@ -20,10 +20,10 @@ from bench import Arguments, need_sets, note, show
 
 from controller.config.view_set import load_view_set
 from controller.inspection import (
-    HeldView,
     InspectionLimits,
     PartSettings,
     PartVerdict,
+    PicturedView,
     ViewSet,
     inspect_part,
     predict_pictures,
@@ -52,7 +52,7 @@ def compare(path: Path) -> dict[str, Any]:
     settings = PartSettings(limits, unseen_reasons=file.unseen, planned=planned_samples(file, part))
     found = judged(views, settings)
     begin = time.process_time()
-    predicted: list[HeldView] = [
+    predicted: list[PicturedView] = [
         replace(one, pictures=predict_pictures(views.part, one.task)) for one in views.views
     ]
     made = time.process_time()

@@ -6,14 +6,17 @@ Arrays in, dataclasses out (cell-facts.md 3).
 from ._gathered import by_place
 from ._holder import with_measured_holder
 from ._judge import MIN_FACE_SHARE, FaceVerdict, PartVerdict, judge
-from ._pose import MEASURED_HOLD, PLANNED_HOLD, PosedPart
+from ._pose import PosedPart
 from ._scene import ViewScene, before_part, box_mesh, make_scene
 from ._types import (
+    MEASURED_HOLD,
     OUTLINE,
+    PLANNED_HOLD,
     Check,
     Finding,
     FindingKind,
     InspectionLimits,
+    PicturedView,
     Unjudged,
     Verdict,
     ViewPictures,
@@ -26,7 +29,6 @@ from .kept import Kept, Same
 from .learning import MIN_PARTS, GoodPart, Lesson, TooFewPartsError, Tried, learn, require_usable
 from .lit import MIN_WIDTH_PX, Appearance, LearnedPicture, LearnedView
 from .part import (
-    HeldView,
     PartFinding,
     PartInspection,
     PartSettings,
@@ -36,7 +38,7 @@ from .part import (
     work_ahead,
 )
 from .predicted import predict_pictures
-from .view import LocatedView, inspect_view, locate_view
+from .view import CheckedView, NotEvaluated, inspect_view, locate_view
 
 __all__ = [
     "KINDS",
@@ -48,22 +50,23 @@ __all__ = [
     "PLANNED_HOLD",
     "Appearance",
     "Check",
+    "CheckedView",
     "Detection",
     "FaceVerdict",
     "Finding",
     "FindingKind",
     "GoodPart",
-    "HeldView",
     "InspectionLimits",
     "Kept",
     "LearnedPicture",
     "LearnedView",
     "Lesson",
-    "LocatedView",
+    "NotEvaluated",
     "PartFinding",
     "PartInspection",
     "PartSettings",
     "PartVerdict",
+    "PicturedView",
     "PosedPart",
     "Same",
     "TooFewPartsError",

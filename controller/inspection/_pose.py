@@ -37,8 +37,6 @@ from controller.recognition.fitting import (
 
 from ._types import ViewTask
 
-PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] deviation of a fresh grasp from the planned one
-MEASURED_HOLD: Final = (0.3, 0.005)  # [mm, rad] the same once a view has measured it
 AS_PLACED: Final = (0.05, 0.001)  # [mm, rad] largest movement of a tried pose by its fit
 REACH_PX: Final = 25.0  # largest offset of the outline at the expected pose
 COMPARED_PX: Final = 6.25  # reach of the search for the observed outline round the fitted one

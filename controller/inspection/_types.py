@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,6 +159,32 @@ class ViewPictures:
 
     backlit: Grey
     lit: Mapping[str, Grey]
+
+
+PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] deviation of a fresh grasp from the planned one
+MEASURED_HOLD: Final = (0.3, 0.005)  # [mm, rad] the same once a view has measured it
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PicturedView:
+    """One view of a part with its pictures.
+
+    Attributes
+    ----------
+    task : the view: camera, pose expected, gripper, lamps
+    pictures : taken there
+    grasp : number of the grasp; views with the same number share how the part lies in the jaws
+    prior_mm, prior_rad : standard deviations of the expected pose, the grasp's and the arm's
+        together
+    counted : (n,) samples that it counts for; None for all
+    """
+
+    task: ViewTask
+    pictures: ViewPictures
+    grasp: int = 0
+    prior_mm: float = PLANNED_HOLD[0]
+    prior_rad: float = PLANNED_HOLD[1]
+    counted: BoolArray | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

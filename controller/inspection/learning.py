@@ -17,7 +17,7 @@ from controller.arrays import BoolArray, Float32Array, FloatArray
 
 from ._gathered import PlacedFinding, gather
 from ._judge import confirm
-from ._types import OUTLINE, Verdict, ViewResult
+from ._types import OUTLINE, PicturedView, Verdict, ViewResult
 from .grasp_pose import PoseSettings
 from .kept import Kept
 from .lit import (
@@ -36,8 +36,8 @@ from .lit import (
     regridded,
     unusual,
 )
-from .part import HeldView, PosedViews, ViewSet, pose_views
-from .view import PosedPictures, Strictness, posed_pictures
+from .part import PosedViews, ViewSet, pose_views
+from .view import ComparedView, NotEvaluated, Strictness, compare_view
 
 MIN_PARTS: Final = 5  # with fewer, one defective part is not told from the others
 # Poses in which parts show the same view: farther apart, the prediction carries too much.
@@ -108,7 +108,7 @@ class _Shown:
     """A part in one view."""
 
     part: int
-    view: HeldView
+    view: PicturedView
     T_world_part: FloatArray
 
 
@@ -221,7 +221,9 @@ class _Lesson:
 
     def _view(self, group: Sequence[_Shown]) -> LearnedView | None:
         """Return a learned view, None where too few pictures of it can be used."""
-        some = [(one, held) for one in group if not isinstance(held := self._held(one), ViewResult)]
+        some = [
+            (one, held) for one in group if not isinstance(held := self._held(one), NotEvaluated)
+        ]
         if len(some) < MIN_PARTS:
             return None
         shown, helds = [one for one, _ in some], [held for _, held in some]
@@ -249,16 +251,14 @@ class _Lesson:
             self._results[one.part].append(held.result(gloss_of(held.lit.polish), others))
         return replace(base, pictures=pictures)
 
-    def _held(self, one: _Shown) -> PosedPictures | ViewResult:
-        posed, task = self._posed[one.part], one.view.task
+    def _held(self, one: _Shown) -> ComparedView | NotEvaluated:
+        posed, view_id = self._posed[one.part], one.view.task.view_id
         views = self._parts[one.part].views
-        return posed_pictures(
+        return compare_view(
             views.part,
             views.samples,
-            task,
-            one.view.pictures,
-            posed.seen[task.view_id],
-            posed.pose(task.view_id),
+            posed.outlined[view_id],
+            posed.pose(view_id),
             Strictness(view_count=len(views.views)),
         )
 
@@ -309,7 +309,7 @@ def _apart(shown: Sequence[_Shown], middle: FloatArray) -> FloatArray:
     return np.array([[_between(a, b, middle) for b in shown] for a in shown])
 
 
-def _grid(held: PosedPictures) -> LearnedView:
+def _grid(held: ComparedView) -> LearnedView:
     """Return a view without pictures on the grid of one part, learned from that part alone."""
     return LearnedView(
         camera=held.task.camera,
@@ -342,7 +342,7 @@ class _Onto:
     back: OnGrid
 
     @classmethod
-    def of(cls, base: LearnedView, own: PosedPictures, held: PosedPictures) -> "_Onto":
+    def of(cls, base: LearnedView, own: ComparedView, held: ComparedView) -> "_Onto":
         """Return the ways between a view's grid, which one part has, and another part's."""
         return cls(
             held.lit,

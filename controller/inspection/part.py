@@ -19,14 +19,14 @@ from controller.cad import SurfaceSamples
 
 from ._judge import NO_PLAN, NOTHING, PartVerdict, judge
 from ._pose import PosedPart
-from ._types import OUTLINE, InspectionLimits, Verdict, ViewPictures, ViewResult, ViewTask
+from ._types import OUTLINE, InspectionLimits, PicturedView, Verdict, ViewResult
 from .characteristics import Characteristic, Measured, standing_of, worse
 from .detection import NOTHING_ASKED, detections, in_words, stops
 from .dimensions import BACKLIT, MeasuringSettings, PosedView, measure, measure_ahead
 from .edge_evidence import EdgeEvidence, EdgeView, find_evidence, look_ahead
 from .grasp_pose import (
     GraspPose,
-    OutlineView,
+    OutlinedView,
     PoseSettings,
     Rival,
     ViewPose,
@@ -37,36 +37,7 @@ from .grasp_pose import (
 from .integrity import Allowances
 from .kept import Kept
 from .lit import Appearance, Polish, gloss_of
-from .view import (
-    PosedPictures,
-    SeenView,
-    Strictness,
-    outline_view,
-    posed_pictures,
-    see_view,
-)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class HeldView:
-    """One view of a part in a gripper, with its pictures.
-
-    Attributes
-    ----------
-    task : the view: camera, pose expected, gripper, lamps
-    pictures : taken there
-    grasp : number of the grasp; views with the same number share how the part lies in the jaws
-    prior_mm, prior_rad : standard deviations of the expected pose, the grasp's and the arm's
-        together
-    counted : (n,) samples that it counts for; None for all
-    """
-
-    task: ViewTask
-    pictures: ViewPictures
-    grasp: int = 0
-    prior_mm: float = 1.5
-    prior_rad: float = 0.03
-    counted: BoolArray | None = None
+from .view import ComparedView, NotEvaluated, Strictness, compare_view, outline_view
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -81,7 +52,7 @@ class ViewSet:
 
     part: PosedPart
     samples: SurfaceSamples
-    views: tuple[HeldView, ...]
+    views: tuple[PicturedView, ...]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -214,7 +185,7 @@ def work_ahead(
     view_count : how many views there will be; with another number outlines are compared again
     """
     for view in views.views:
-        _outline_of(view, kept)
+        _outlined(view, kept)
         yield
     posed = pose_views(views, settings.pose, kept)
     yield
@@ -314,13 +285,13 @@ class PosedViews:
 
     Attributes
     ----------
-    seen : what stands in each view, by its id
+    outlined : each view with its outline, by its id
     outlines : the views whose outline proves something, by grasp
     fits : the pose of each of these grasps; None where none was found
     """
 
-    seen: Mapping[str, SeenView]
-    outlines: Mapping[int, list[OutlineView]]
+    outlined: Mapping[str, OutlinedView | NotEvaluated]
+    outlines: Mapping[int, list[OutlinedView]]
     fits: Mapping[int, GraspPose | None]
 
     def pose(self, view_id: str) -> ViewPose | None:
@@ -357,31 +328,22 @@ def pose_views(views: ViewSet, settings: PoseSettings, kept: Kept | None = None)
     kept : what of it was worked out before; None for nothing
     """
     kept = kept or Kept()
-    seen = {view.task.view_id: _seen(view, kept) for view in views.views}
-    by_grasp: dict[int, list[OutlineView]] = {}
-    for view in views.views:
-        outline = _outline_of(view, kept)
-        if outline is not None:
-            by_grasp.setdefault(view.grasp, []).append(outline)
+    outlined = {view.task.view_id: _outlined(view, kept) for view in views.views}
+    by_grasp: dict[int, list[OutlinedView]] = {}
+    for one in outlined.values():
+        if isinstance(one, OutlinedView):
+            by_grasp.setdefault(one.view.grasp, []).append(one)
     fits = {
         grasp: kept.once(
             partial(fit_grasp, views.part, every, settings), fit_grasp, *every, settings
         )
         for grasp, every in by_grasp.items()
     }
-    return PosedViews(seen, by_grasp, fits)
+    return PosedViews(outlined, by_grasp, fits)
 
 
-def _seen(view: HeldView, kept: Kept) -> SeenView:
-    return kept.once(lambda: see_view(view.task, view.pictures), see_view, view)
-
-
-def _outline_of(view: HeldView, kept: Kept) -> OutlineView | None:
-    return kept.once(
-        lambda: outline_view(view.task, _seen(view, kept), view.prior_mm, view.prior_rad),
-        outline_view,
-        view,
-    )
+def _outlined(view: PicturedView, kept: Kept) -> OutlinedView | NotEvaluated:
+    return kept.once(partial(outline_view, view), outline_view, view)
 
 
 def inspect_views(
@@ -473,12 +435,12 @@ def _edge_views(
     return known
 
 
-def _posed_view(view: HeldView, posed: PosedViews, kept: Kept) -> PosedView | None:
+def _posed_view(view: PicturedView, posed: PosedViews, kept: Kept) -> PosedView | None:
     """Return a view with the part's pose, None where it was not found."""
-    pose = posed.pose(view.task.view_id)
-    if pose is None:
+    pose, outlined = posed.pose(view.task.view_id), posed.outlined[view.task.view_id]
+    if pose is None or isinstance(outlined, NotEvaluated):
         return None
-    scene = posed.seen[view.task.view_id].scene
+    scene = outlined.scene
     return kept.once(
         lambda: PosedView(
             view.task, view.pictures, pose.T_world_part, pose.covariance, view.grasp, scene
@@ -551,31 +513,29 @@ def _results(
 
 def _of_grasp(
     views: ViewSet,
-    mine: Sequence[HeldView],
+    mine: Sequence[PicturedView],
     posed: PosedViews,
     strictness: Strictness,
     evidence: list[Polish],
     kept: Kept,
 ) -> Iterator[ViewResult | None]:
     """Yield the results of a grasp's views; their evidence is added to that of earlier grasps."""
-    built: dict[str, PosedPictures | ViewResult] = {}
+    built: dict[str, ComparedView | NotEvaluated] = {}
 
-    def at_pose(view: HeldView) -> PosedPictures | ViewResult:
-        task, view_id = view.task, view.task.view_id
+    def at_pose(view: PicturedView) -> ComparedView | NotEvaluated:
+        view_id = view.task.view_id
         if view_id not in built:
-            seen, pose = posed.seen[view_id], posed.pose(view_id)
-            built[view_id] = posed_pictures(
-                views.part, views.samples, task, view.pictures, seen, pose, strictness
-            )
+            outlined, pose = posed.outlined[view_id], posed.pose(view_id)
+            built[view_id] = compare_view(views.part, views.samples, outlined, pose, strictness)
         return built[view_id]
 
-    def polish(view: HeldView) -> tuple[Polish, ...]:
+    def polish(view: PicturedView) -> tuple[Polish, ...]:
         one = at_pose(view)
-        return () if isinstance(one, ViewResult) else one.lit.polish
+        return () if isinstance(one, NotEvaluated) else one.lit.polish
 
-    def judged(view: HeldView, gloss: float) -> ViewResult:
+    def judged(view: PicturedView, gloss: float) -> ViewResult:
         one = at_pose(view)
-        return one if isinstance(one, ViewResult) else one.judged(gloss)
+        return one.result(views.samples) if isinstance(one, NotEvaluated) else one.judged(gloss)
 
     for view in mine:
         key = (view, posed.pose(view.task.view_id), strictness)
@@ -584,6 +544,6 @@ def _of_grasp(
     gloss = gloss_of(evidence)
     for view in mine:
         key = (view, posed.pose(view.task.view_id), strictness)
-        result = kept.once(partial(judged, view, gloss), PosedPictures, *key, gloss)
+        result = kept.once(partial(judged, view, gloss), ComparedView, *key, gloss)
         built.pop(view.task.view_id, None)  # what it was judged by is large
         yield result if view.counted is None else result.within(view.counted)

@@ -14,14 +14,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray
 from controller.cad import SurfaceSamples
 from controller.imaging import mask_contour, render_maps, threshold_levels, transform, view_roi
 
 from ._holder import with_measured_holder
 from ._pose import (
-    MEASURED_HOLD,
-    PLANNED_HOLD,
     PosedPart,
     PoseFit,
     moved,
@@ -30,18 +28,20 @@ from ._pose import (
 )
 from ._scene import ViewScene, before_part, make_scene, samples_in_sight
 from ._types import (
+    MEASURED_HOLD,
     OUTLINE,
+    PLANNED_HOLD,
     Check,
     Finding,
     InspectionLimits,
+    PicturedView,
     ViewPictures,
     ViewResult,
     ViewTask,
 )
 from .grasp_pose import (
-    Backlit,
     GraspPose,
-    OutlineView,
+    OutlinedView,
     PoseSettings,
     ViewPose,
     backlit_outline,
@@ -60,19 +60,37 @@ ROUGH: Final = 3.0  # standard deviations of noise and light: the unevenness all
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class SeenView:
-    """A view's picture before the panel, and the scene in it.
+class NotEvaluated:
+    """A view whose pictures prove nothing, and why.
 
     Attributes
     ----------
-    scene : what stands there besides the part
-    backlit : its outline; None where the picture proves nothing
-    reason : why it does not; empty where it does
+    view : with its pictures
+    reason : why they do not
     """
 
-    scene: ViewScene
-    backlit: Backlit | None
+    view: PicturedView
     reason: str
+
+    def result(self, samples: SurfaceSamples) -> ViewResult:
+        """Return the result of the view: nothing found, nothing compared.
+
+        Parameters
+        ----------
+        samples : of the part's surface
+        """
+        return ViewResult(
+            view_id=self.view.task.view_id,
+            evaluated=False,
+            reason=self.reason,
+            T_world_part=self.view.task.T_world_part,
+            shift_mm=0.0,
+            turn_rad=0.0,
+            residual_px=float("inf"),
+            findings=(),
+            compared=np.zeros(len(samples.points_mm), dtype=bool),
+            outline_px=np.zeros((0, 2)),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,78 +111,57 @@ class Strictness:
     appearance: Appearance | None = None
 
 
-def see_view(task: ViewTask, pictures: ViewPictures) -> SeenView:
-    """Return the outline in a view's picture before the panel, or the reason for none."""
-    scene = make_scene(task)
-    limits = task.limits
-    low, _, high = levels = threshold_levels(pictures.backlit, scene.panel)
-    if high - low < limits.min_contrast:
-        return SeenView(
-            scene,
-            None,
-            f"backlight contrast {high - low:.0f} grey levels, {limits.min_contrast:.0f} "
-            "are required: is the panel's lamp on?",
-        )
-    burnt = float((pictures.backlit[scene.panel] >= BURNT_GREY).mean())
-    if burnt > limits.max_burnt_share:
-        return SeenView(
-            scene,
-            None,
-            f"{100 * burnt:.0f} % of the panel are burnt out: its edges are not true",
-        )
-    return SeenView(scene, backlit_outline(pictures.backlit, scene, levels), "")
-
-
-def outline_view(
-    task: ViewTask, seen: SeenView, prior_mm: float, prior_rad: float
-) -> OutlineView | None:
-    """Return a view's data for the pose, None where its picture proves nothing.
-
-    Parameters
-    ----------
-    task : the view
-    seen : its picture before the panel
-    prior_mm, prior_rad : standard deviations of the pose expected
-    """
-    if seen.backlit is None:
-        return None
-    return OutlineView(
-        task.view_id,
-        task.camera,
-        task.T_world_part,
-        seen.backlit.outline,
-        seen.backlit.noise_px,
-        prior_mm,
-        prior_rad,
-    )
-
-
 @dataclass(frozen=True, eq=False, slots=True)
-class LocatedView:
-    """Pose of a part by one view alone, for the arm.
+class CheckedView:
+    """A view that passed its self-checks with the part at its measured pose.
 
     Attributes
     ----------
-    seen : what stands in its picture before the panel
-    stand : how the part stands in it
+    outlined : the view, with the outline in its picture before the panel
+    pose : measured pose, and the agreement of the outline
+    fit : the same pose with its predicted picture
+    sharp : sharpness of the picture before the panel; None where no outline shows it
     """
 
-    seen: SeenView
-    stand: "Stand"
+    outlined: OutlinedView
+    pose: ViewPose
+    fit: PoseFit
+    sharp: Registration | None
 
     @property
-    def reason(self) -> str:
-        """Reason why the view is not evaluated; empty where it is."""
-        return self.stand.reason
-
-    @property
-    def T_world_part(self) -> FloatArray | None:
-        """The measured pose (4, 4), None where the view is not evaluated."""
-        return None if self.stand.fit is None else self.stand.fit.T_world_part
+    def task(self) -> ViewTask:
+        """The view: camera, pose expected, limits."""
+        return self.outlined.task
 
 
-def locate_view(part: PosedPart, task: ViewTask, pictures: ViewPictures) -> LocatedView:
-    """Return the pose of a held part in one view; nothing is compared yet.
+def outline_view(view: PicturedView) -> OutlinedView | NotEvaluated:
+    """Return the outline in a view's picture before the panel, or the reason for none.
+
+    Parameters
+    ----------
+    view : with its pictures
+    """
+    backlit, limits = view.pictures.backlit, view.task.limits
+    scene = make_scene(view.task)
+    low, _, high = levels = threshold_levels(backlit, scene.panel)
+    if high - low < limits.min_contrast:
+        return NotEvaluated(
+            view,
+            f"backlight contrast {high - low:.0f} grey levels, {limits.min_contrast:.0f} "
+            "are required: is the panel's lamp on?",
+        )
+    burnt = float((backlit[scene.panel] >= BURNT_GREY).mean())
+    if burnt > limits.max_burnt_share:
+        return NotEvaluated(
+            view, f"{100 * burnt:.0f} % of the panel are burnt out: its edges are not true"
+        )
+    return OutlinedView(view, scene, backlit_outline(backlit, scene, levels))
+
+
+def locate_view(
+    part: PosedPart, task: ViewTask, pictures: ViewPictures
+) -> CheckedView | NotEvaluated:
+    """Return the pose of a held part by one view alone, for the arm; nothing is compared yet.
 
     Parameters
     ----------
@@ -172,17 +169,17 @@ def locate_view(part: PosedPart, task: ViewTask, pictures: ViewPictures) -> Loca
     task : the view: camera, pose expected, limits
     pictures : taken while the arm stood still at the view's pose; of lit ones only which there are
     """
-    seen = see_view(task, pictures)
-    own = outline_view(task, seen, *(MEASURED_HOLD if task.is_hold_measured else PLANNED_HOLD))
+    prior = MEASURED_HOLD if task.is_hold_measured else PLANNED_HOLD
+    outlined = outline_view(PicturedView(task, pictures, 0, *prior))
+    if isinstance(outlined, NotEvaluated):
+        return outlined
     strictness = Strictness()
-    grasp = None if own is None else fit_grasp(part, [own], strictness.pose)
-    if own is not None and task.is_hold_measured and not _is_near(grasp):
+    grasp = fit_grasp(part, [outlined], strictness.pose)
+    if task.is_hold_measured and not _is_near(grasp):
         # the view that measured the hold may have known it badly
-        own = outline_view(task, seen, *PLANNED_HOLD)
-        assert own is not None
-        grasp = fit_grasp(part, [own], strictness.pose)
-    pose = None if grasp is None else grasp.views[0]
-    return LocatedView(seen, _stand_of(part, task, pictures, seen, pose, strictness))
+        outlined = replace(outlined, view=PicturedView(task, pictures, 0, *PLANNED_HOLD))
+        grasp = fit_grasp(part, [outlined], strictness.pose)
+    return check_view(part, outlined, None if grasp is None else grasp.views[0], strictness)
 
 
 def inspect_view(
@@ -190,7 +187,7 @@ def inspect_view(
     samples: SurfaceSamples,
     task: ViewTask,
     pictures: ViewPictures,
-    located: LocatedView | None = None,
+    located: CheckedView | NotEvaluated | None = None,
 ) -> ViewResult:
     """Return one view's result on a held part by itself: findings, and samples compared.
 
@@ -202,8 +199,9 @@ def inspect_view(
     located : what `locate_view` returned; None to find it
     """
     located = located or locate_view(part, task, pictures)
-    seen, stand = located.seen, located.stand
-    return _judged(_at_stand(part, samples, task, pictures, seen, stand, Strictness()))
+    if isinstance(located, NotEvaluated):
+        return located.result(samples)
+    return _to_compare(part, samples, located, Strictness()).judged()
 
 
 def _is_near(grasp: GraspPose | None) -> bool:
@@ -211,24 +209,44 @@ def _is_near(grasp: GraspPose | None) -> bool:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class PosedPictures:
-    """Pictures of a view with the part at one pose, to be compared there.
+class ComparedView:
+    """Pictures of a view with the part at one pose, and what they are compared with there.
 
     Attributes
     ----------
-    view : pictures and models, for any pose
-    fit : pose of the part, with the outline predicted there
-    lit : pictures under lamps, to be compared
+    part, samples : the CAD model and its surface samples
+    checked : the view at its measured pose
+    scene : scene without the part, with gripper and arm as measured in the picture
+    outline : result of the picture before the panel
+    appearance : of good parts; None where none was learned
+    fit : pose of the part, the measured one or another that the outline allows
+    lit : pictures under lamps, to be compared at that pose
     """
 
-    view: "_View"
+    part: PosedPart
+    samples: SurfaceSamples
+    checked: CheckedView
+    scene: ViewScene
+    outline: OutlineResult
+    appearance: Appearance | None
     fit: PoseFit
     lit: LitPictures
 
     @property
     def task(self) -> ViewTask:
-        """The view."""
-        return self.view.task
+        """The view: camera, pose expected, limits."""
+        return self.checked.task
+
+    def at(self, fit: PoseFit) -> "ComparedView":
+        """Return the pictures with the part at another pose."""
+        lit = _lit_pictures(self.part, self.samples, self.checked, self.scene, fit)
+        return replace(self, fit=fit, lit=lit)
+
+    def learned(self) -> LearnedView | None:
+        """Return the same view of good parts, None where none was learned."""
+        if self.appearance is None:
+            return None
+        return self.appearance.view(self.task.camera, self.fit.T_world_part)
 
     def judged(self, gloss: float | None = None) -> ViewResult:
         """Return the view's result: at this pose, or at one that explains more of what is found.
@@ -237,17 +255,18 @@ class PosedPictures:
         ----------
         gloss : highest possible polish of the finish, from 0 to 1; None to find it in this view
         """
-        view = self.view
         gloss = gloss_of(self.lit.polish) if gloss is None else gloss
-        best = self.result(gloss, view.learned_at(self.fit))
+        best = self.result(gloss, self.learned())
         if not any(f.kind.is_lit for f in best.findings):
             return best
         # what a lit picture shows against one pose, and not against another that the outline allows
         # as well, speaks of the pose and not of the part
-        for other in poses_as_good(view.part, view.task, self.fit, view.backlit.outline):
-            if _pose_refusal(other, *moved(view.part, view.task, other), view.task.limits):
+        part, task = self.part, self.task
+        for pose in poses_as_good(part, task, self.fit, self.checked.outlined.outline):
+            if _pose_refusal(pose, *moved(part, task, pose), task.limits):
                 continue
-            result = view.at(other).result(gloss, view.learned_at(other))
+            other = self.at(pose)
+            result = other.result(gloss, other.learned())
             if _explains_more(result, best):
                 best = result
             if not best.findings:
@@ -262,8 +281,8 @@ class PosedPictures:
         gloss : highest possible polish of the finish, from 0 to 1
         learned : the same view of good parts; None for none
         """
-        task, fit, outline = self.task, self.fit, self.view.outline
-        shift, turn = moved(self.view.part, task, fit)
+        task, fit, outline = self.task, self.fit, self.outline
+        shift, turn = moved(self.part, task, fit)
         findings: list[Finding] = list(outline.findings)
         checks: list[Check] = [outline.check]
         codes: list[NDArray[np.uint8]] = []
@@ -298,80 +317,41 @@ class PosedPictures:
 def compare_view(
     part: PosedPart,
     samples: SurfaceSamples,
-    task: ViewTask,
-    pictures: ViewPictures,
-    seen: SeenView,
+    outlined: OutlinedView | NotEvaluated,
     pose: ViewPose | None,
     strictness: Strictness,
-) -> ViewResult:
-    """Return a view's result on a part of known pose: findings, and samples compared.
-
-    Parameters
-    ----------
-    part, samples, task, pictures, seen, pose, strictness : see `posed_pictures`
-    """
-    return _judged(posed_pictures(part, samples, task, pictures, seen, pose, strictness))
-
-
-def posed_pictures(
-    part: PosedPart,
-    samples: SurfaceSamples,
-    task: ViewTask,
-    pictures: ViewPictures,
-    seen: SeenView,
-    pose: ViewPose | None,
-    strictness: Strictness,
-) -> PosedPictures | ViewResult:
-    """Return a view's pictures at the part's pose, or the result of one that is not evaluated.
+) -> ComparedView | NotEvaluated:
+    """Return a view's pictures at the part's pose, to be compared there, or why they cannot be.
 
     Parameters
     ----------
     part, samples : the CAD model and its surface samples
-    task : the view: camera, pose expected, limits
-    pictures : taken while the arm stood still at the view's pose
-    seen : its picture before the panel
+    outlined : the view, with the outline in its picture before the panel
     pose : of the part; None where no outline was found
     strictness : what a good part may show
     """
-    stand = _stand_of(part, task, pictures, seen, pose, strictness)
-    return _at_stand(part, samples, task, pictures, seen, stand, strictness)
+    if isinstance(outlined, NotEvaluated):
+        return outlined
+    checked = check_view(part, outlined, pose, strictness)
+    if isinstance(checked, NotEvaluated):
+        return checked
+    return _to_compare(part, samples, checked, strictness)
 
 
-def _judged(pictures: PosedPictures | ViewResult) -> ViewResult:
-    return pictures if isinstance(pictures, ViewResult) else pictures.judged()
+def check_view(
+    part: PosedPart, outlined: OutlinedView, pose: ViewPose | None, strictness: Strictness
+) -> CheckedView | NotEvaluated:
+    """Return a view that passed its self-checks at the part's pose, or which one it failed.
 
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Stand:
-    """Pose of a part in a view, or the reason why the view is not evaluated.
-
-    Attributes
+    Parameters
     ----------
-    reason : why it is not; empty where it is
-    pose, fit, sharp : of the part, what it predicts, how sharp the picture is; None without
+    part : the CAD model
+    outlined, pose, strictness : see `compare_view`
     """
-
-    reason: str
-    pose: ViewPose | None = None
-    fit: PoseFit | None = None
-    sharp: Registration | None = None
-
-
-def _stand_of(
-    part: PosedPart,
-    task: ViewTask,
-    pictures: ViewPictures,
-    seen: SeenView,
-    pose: ViewPose | None,
-    strictness: Strictness,
-) -> Stand:
-    """Return the stand of a part in a view; see `posed_pictures`."""
-    limits = task.limits
-    if seen.backlit is None:
-        return Stand(seen.reason)
-    fit = None if pose is None else _as_fit(part, task, seen.backlit, pose)
+    view, task, limits = outlined.view, outlined.task, outlined.task.limits
+    fit = None if pose is None else _as_fit(part, outlined, pose)
     if pose is None or fit is None:
-        return Stand("no outline of the part where it should be")
+        return NotEvaluated(view, "no outline of the part where it should be")
     refusal = _pose_refusal(fit, *moved(part, task, fit), limits)
     if not refusal and pose.is_hidden:
         refusal = _open_refusal(part, task, fit)
@@ -383,62 +363,64 @@ def _stand_of(
         )
     sharp = None
     if not refusal and not pose.is_hidden:
-        sharp = register(pictures.backlit, fit.edge_px, fit.edge_normals)
+        sharp = register(view.pictures.backlit, fit.edge_px, fit.edge_normals)
     if not refusal and sharp is not None and sharp.width_px > limits.max_edge_px:
         refusal = (
             f"edges are {sharp.width_px:.1f} px wide, {limits.max_edge_px:.1f} px is allowed: out "
             "of focus, or moved"
         )
     if refusal:
-        return Stand(refusal)
-    if missing := [lamp.name for lamp in task.lamps if lamp.name not in pictures.lit]:
-        return Stand(f"no picture under {missing[0]}")
-    return Stand("", pose, fit, sharp)
+        return NotEvaluated(view, refusal)
+    if missing := [lamp.name for lamp in task.lamps if lamp.name not in view.pictures.lit]:
+        return NotEvaluated(view, f"no picture under {missing[0]}")
+    return CheckedView(outlined, pose, fit, sharp)
 
 
-def _at_stand(
+def _to_compare(
+    part: PosedPart, samples: SurfaceSamples, checked: CheckedView, strictness: Strictness
+) -> ComparedView:
+    """Return a view's pictures at its measured pose; see `compare_view`."""
+    outlined, fit = checked.outlined, checked.fit
+    outline = _outline(part, samples, checked, strictness)
+    scene = with_measured_holder(
+        outlined.scene, outlined.task.camera, fit.maps, outlined.backlit.share
+    )
+    lit = _lit_pictures(part, samples, checked, scene, fit)
+    return ComparedView(
+        part, samples, checked, scene, outline, strictness.appearance, fit, lit
+    )  # fmt: skip
+
+
+def _lit_pictures(
     part: PosedPart,
     samples: SurfaceSamples,
-    task: ViewTask,
-    pictures: ViewPictures,
-    seen: SeenView,
-    stand: Stand,
-    strictness: Strictness,
-) -> PosedPictures | ViewResult:
-    """Return a view's pictures with the part at a stand; see `posed_pictures`."""
-    pose, fit, backlit = stand.pose, stand.fit, seen.backlit
-    if stand.reason or backlit is None or pose is None or fit is None:
-        return _not_evaluated(task, samples, stand.reason)
-    outline = _outline(part, samples, task, backlit, pose, fit, strictness)
-    scene = with_measured_holder(seen.scene, task.camera, fit.maps, backlit.share)
-    appearance = strictness.appearance
-    view = _View(
-        part, samples, task, pictures, backlit, scene, stand.sharp, outline, appearance
-    )  # fmt: skip
-    return view.at(fit)
+    checked: CheckedView,
+    scene: ViewScene,
+    fit: PoseFit,
+) -> LitPictures:
+    task, pictures = checked.task, checked.outlined.view.pictures
+    scene = before_part(scene, fit.maps, task.camera)
+    visible = samples_in_sight(part, samples, task.camera, fit.T_world_part, scene)
+    return LitPictures(part, samples, task, scene, fit, visible, checked.sharp, pictures.lit)
 
 
 def _outline(
-    part: PosedPart,
-    samples: SurfaceSamples,
-    task: ViewTask,
-    backlit: Backlit,
-    pose: ViewPose,
-    fit: PoseFit,
-    strictness: Strictness,
+    part: PosedPart, samples: SurfaceSamples, checked: CheckedView, strictness: Strictness
 ) -> OutlineResult:
+    pose, outlined = checked.pose, checked.outlined
     if pose.is_hidden:
         nothing = np.zeros(len(samples.points_mm), dtype=bool)
         return OutlineResult([], Check(OUTLINE, "", nothing))
     return compare_outline(
-        part, pose, fit.maps, backlit, task, samples, strictness.allowances, strictness.pose,
-        strictness.view_count,
+        part, pose, checked.fit.maps, outlined.backlit, outlined.task, samples,
+        strictness.allowances, strictness.pose, strictness.view_count,
     )  # fmt: skip
 
 
-def _as_fit(part: PosedPart, task: ViewTask, backlit: Backlit, pose: ViewPose) -> PoseFit | None:
+def _as_fit(part: PosedPart, outlined: OutlinedView, pose: ViewPose) -> PoseFit | None:
     """Return a pose with its predicted outline, None where the part is out of the picture."""
-    roi = view_roi(part.solid.mesh.vertices, pose.T_world_part, task.camera)
+    camera = outlined.task.camera
+    roi = view_roi(part.solid.mesh.vertices, pose.T_world_part, camera)
     if roi is None:
         return None
     points = pose.rims.points
@@ -447,7 +429,7 @@ def _as_fit(part: PosedPart, task: ViewTask, backlit: Backlit, pose: ViewPose) -
         T_world_part=pose.T_world_part,
         residual_px=0.0 if pose.is_hidden else float(np.nanmedian(np.abs(pose.gap_px[mine]))),
         paired=pose.paired,
-        maps=render_maps(part.caster, pose.T_world_part, task.camera, roi),
+        maps=render_maps(part.caster, pose.T_world_part, camera, roi),
         edge_px=points.pixels[mine],
         edge_normals=points.normals[mine],
         edge_points_mm=points.points_mm[mine],
@@ -463,35 +445,6 @@ def _explains_more(result: ViewResult, best: ViewResult) -> bool:
         return False
     left, before = (sum(f.area_mm2 for f in view.findings) for view in (result, best))
     return left <= 0.5 * before
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _View:
-    """One view's pictures and the models they are compared with, for any pose of the part."""
-
-    part: PosedPart
-    samples: SurfaceSamples
-    task: ViewTask
-    pictures: ViewPictures
-    backlit: Backlit
-    scene: ViewScene
-    sharp: Registration | None
-    outline: OutlineResult
-    appearance: Appearance | None
-
-    def at(self, fit: PoseFit) -> PosedPictures:
-        """Return the pictures with the part at a pose."""
-        part, samples, task = self.part, self.samples, self.task
-        scene = before_part(self.scene, fit.maps, task.camera)
-        visible = samples_in_sight(part, samples, task.camera, fit.T_world_part, scene)
-        lit = LitPictures(part, samples, task, scene, fit, visible, self.sharp, self.pictures.lit)
-        return PosedPictures(self, fit, lit)
-
-    def learned_at(self, fit: PoseFit) -> LearnedView | None:
-        """Return the same view of good parts, None where none was learned."""
-        if self.appearance is None:
-            return None
-        return self.appearance.view(self.task.camera, fit.T_world_part)
 
 
 def _pose_refusal(fit: PoseFit, shift: float, turn: float, limits: InspectionLimits) -> str:
@@ -530,18 +483,3 @@ def _best_excuse(codes: Sequence[NDArray[np.uint8]], missing: BoolArray) -> NDAr
         return np.zeros(len(missing), dtype=np.uint8)
     best = np.maximum.reduce(codes)
     return np.where(missing, best, 0).astype(np.uint8)
-
-
-def _not_evaluated(task: ViewTask, samples: SurfaceSamples, reason: str) -> ViewResult:
-    return ViewResult(
-        view_id=task.view_id,
-        evaluated=False,
-        reason=reason,
-        T_world_part=task.T_world_part,
-        shift_mm=0.0,
-        turn_rad=0.0,
-        residual_px=float("inf"),
-        findings=(),
-        compared=np.zeros(len(samples.points_mm), dtype=bool),
-        outline_px=np.zeros((0, 2)),
-    )

@@ -17,11 +17,11 @@ from controller.config.view_set import ViewSetFile
 from controller.imaging import transform
 from controller.inspection import (
     OUTLINE,
-    HeldView,
     InspectionLimits,
     Kept,
     PartInspection,
     PartSettings,
+    PicturedView,
     ViewSet,
     inspect_part,
     work_ahead,
@@ -309,7 +309,7 @@ def _characteristics(
 
 
 def _found(
-    file: ViewSetFile, part: CompiledPart, judging: Judging, first: Sequence[HeldView]
+    file: ViewSetFile, part: CompiledPart, judging: Judging, first: Sequence[PicturedView]
 ) -> tuple[Characteristic, ...]:
     found = part_characteristics(judging.path, judging.recipe, part, file.characteristics or None)
     if not first:

@@ -13,9 +13,9 @@ from controller.config import ConfigError
 from controller.config.view_set import PoseRows, SetCamera, SetView, ViewSetFile, unpacked
 from controller.imaging import Camera, inverse_pose, rotation_angle, transform
 from controller.inspection import (
-    HeldView,
     InspectionLimits,
     Kept,
+    PicturedView,
     PosedPart,
     Same,
     ViewPictures,
@@ -76,7 +76,7 @@ def build_view_set(
     views = tuple(
         kept.once(
             partial(_held, file, view, task, grasp, pictures[view.id], planned.get(view.id)),
-            *(HeldView, *_all_of(file, view), task.camera, limits, grasp),
+            *(PicturedView, *_all_of(file, view), task.camera, limits, grasp),
             *(Same(pictures[view.id][lamp]) for lamp in view.pictures),
         )
         for view, task, grasp in zip(file.views, tasks, grasps, strict=True)
@@ -92,8 +92,8 @@ def _held(
     grasp: int,
     pictures: Mapping[str, Grey],
     planned: BoolArray | None,
-) -> HeldView:
-    return HeldView(
+) -> PicturedView:
+    return PicturedView(
         task,
         _pictures(file, view, pictures),
         grasp,

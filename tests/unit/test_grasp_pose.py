@@ -13,10 +13,10 @@ from scipy.stats import norm
 from shown_part import blank, bore, boss, cross_bore, part, perfect, photograph, pocket, shown, task
 
 from controller.imaging import transform
-from controller.inspection import make_scene
+from controller.inspection import PicturedView, ViewPictures, ViewScene, ViewTask, make_scene
 from controller.inspection.grasp_pose import (
     GraspPose,
-    OutlineView,
+    OutlinedView,
     PoseSettings,
     backlit_outline,
     chord_px,
@@ -44,13 +44,20 @@ def true_poses() -> list[Array]:
     ]
 
 
+def outlined(
+    seen: ViewTask, pictures: ViewPictures, scene: ViewScene | None = None
+) -> OutlinedView:
+    scene = scene or make_scene(seen)
+    backlit = backlit_outline(pictures.backlit, scene)
+    return OutlinedView(PicturedView(seen, pictures), scene, backlit)
+
+
 def fitted(body: Body, poses: list[Array] | None = None) -> GraspPose:
     views = []
     for number, ((turn, tilt), T_true) in enumerate(zip(LOOKS, poses or true_poses(), strict=True)):
         T = shown(turn, tilt)
         seen = task(T, holder=(), view_id=f"v{number}")
-        lit = backlit_outline(photograph(body, T_true, (), ()).backlit, make_scene(seen))
-        views.append(OutlineView(seen.view_id, seen.camera, T, lit.outline, lit.noise_px))
+        views.append(outlined(seen, photograph(body, T_true, (), ())))
     fit = fit_grasp(part(), views)
     assert fit is not None
     return fit
@@ -151,9 +158,7 @@ def test_what_the_arm_is_off_from_view_to_view_is_bounded() -> None:
 def test_no_outline_no_pose() -> None:
     seen = task(shown(), holder=())
     bright = np.full((512, 640), 200, dtype=np.uint8)
-    lit = backlit_outline(bright, make_scene(seen))
-    view = OutlineView("v0", seen.camera, shown(), lit.outline, lit.noise_px)
-    assert fit_grasp(part(), [view]) is None
+    assert fit_grasp(part(), [outlined(seen, ViewPictures(bright, {}))]) is None
 
 
 @pytest.mark.parametrize("sigma_px", [0.6, 0.8, 1.2])
@@ -178,7 +183,7 @@ def test_a_panel_darker_at_its_rim_shifts_no_edge() -> None:
     assert abs(float(np.median(off))) < 0.01
 
 
-def outline_of(number: int, *, is_hidden: bool = False, is_absent: bool = False) -> OutlineView:
+def outline_of(number: int, *, is_hidden: bool = False, is_absent: bool = False) -> OutlinedView:
     """One look; with nothing of its outline before the panel, or with no part there."""
     turn, tilt = LOOKS[number]
     seen = task(shown(turn, tilt), holder=(), view_id=f"v{number}")
@@ -186,8 +191,7 @@ def outline_of(number: int, *, is_hidden: bool = False, is_absent: bool = False)
     scene = make_scene(seen)
     if is_hidden:
         scene = replace(scene, panel=np.zeros_like(scene.panel))
-    lit = backlit_outline(photograph(body, true_poses()[number], (), ()).backlit, scene)
-    return OutlineView(seen.view_id, seen.camera, seen.T_world_part, lit.outline, lit.noise_px)
+    return outlined(seen, photograph(body, true_poses()[number], (), ()), scene)
 
 
 @pytest.mark.parametrize("number", range(len(LOOKS)))

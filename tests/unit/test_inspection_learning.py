@@ -13,11 +13,11 @@ from shown_part import hand, moved, part, perfect, photograph, samples, shown, t
 
 from controller.inspection import (
     GoodPart,
-    HeldView,
     InspectionLimits,
     Lesson,
     PartInspection,
     PartSettings,
+    PicturedView,
     TooFewPartsError,
     Verdict,
     ViewSet,
@@ -49,7 +49,7 @@ def shown_as(body: Body, number: int, dim: float = 1.0) -> ViewSet:
         seen = task(T, hand(T), f"v{look}")
         pictures = photograph(body, moved(T, *slipped(number)), hand(T))
         lit = {k: (dim * p).astype(np.uint8) for k, p in pictures.lit.items()}
-        views.append(HeldView(seen, replace(pictures, lit=lit)))
+        views.append(PicturedView(seen, replace(pictures, lit=lit)))
     return ViewSet(part(), samples(), tuple(views))
 
 
@@ -113,7 +113,7 @@ def test_a_lamp_that_is_dimmer_as_a_whole_changes_nothing() -> None:
 
 def test_a_view_far_from_those_learned_is_judged_by_prediction() -> None:
     T = shown(40.0, -20.0)
-    far = HeldView(task(T, hand(T), "v0"), photograph(perfect(), T, hand(T)))
+    far = PicturedView(task(T, hand(T), "v0"), photograph(perfect(), T, hand(T)))
     found = judged(ViewSet(part(), samples(), (far,)))
     assert all(check.learned_from == 0 for view in found.views for check in view.checks)
 

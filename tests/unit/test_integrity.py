@@ -31,11 +31,11 @@ from shown_part import (
 from controller.inspection import (
     Finding,
     FindingKind,
-    HeldView,
     InspectionLimits,
     Kept,
     PartInspection,
     PartSettings,
+    PicturedView,
     Verdict,
     ViewSet,
     inspect_part,
@@ -136,7 +136,7 @@ def views_of(body: Body, looks: tuple[tuple[float, float], ...] = LOOKS) -> View
     for number, (turn, tilt) in enumerate(looks):
         T = shown(turn, tilt)
         seen = replace(task(T, hand(T), f"v{number}"), lamps=())
-        views.append(HeldView(seen, photograph(body, T, hand(T), ())))
+        views.append(PicturedView(seen, photograph(body, T, hand(T), ())))
     return ViewSet(part(), samples(), tuple(views))
 
 

@@ -13,10 +13,10 @@ from shown_part import hand, photograph, shown, task
 
 from controller.cad import sample_surface
 from controller.inspection import (
-    HeldView,
     InspectionLimits,
     PartInspection,
     PartSettings,
+    PicturedView,
     PosedPart,
     Verdict,
     ViewSet,
@@ -73,7 +73,7 @@ def judged(
     for number, (turn, tilt) in enumerate(looks):
         T = shown(turn, tilt)
         pictures = photograph(body, T, hand(T))
-        views.append(HeldView(task(T, hand(T), f"v{number}"), pictures, counted=nowhere))
+        views.append(PicturedView(task(T, hand(T), f"v{number}"), pictures, counted=nowhere))
     settings = PartSettings(
         InspectionLimits(),
         min_coverage=0.01,

@@ -417,12 +417,13 @@ def locate(
     _located[_view_key(job, view_id, T_world_part, backlit)] = found
     if len(_located) > MAX_LOCATED_COUNT:
         _located.pop(next(iter(_located)))
-    T = T_world_part if found.T_world_part is None else found.T_world_part
-    return Located(not found.reason, found.reason, T)
+    if isinstance(found, inspecting.NotEvaluated):
+        return Located(False, found.reason, T_world_part)
+    return Located(True, "", found.fit.T_world_part)
 
 
 # What `locate` found last, for `inspect` to go on from; ten megabytes each.
-_located: dict[tuple[object, ...], inspecting.LocatedView] = {}
+_located: dict[tuple[object, ...], inspecting.CheckedView | inspecting.NotEvaluated] = {}
 
 
 def _view_key(
@@ -479,7 +480,7 @@ def _inspected(
     task: inspecting.ViewTask,
     backlit: Grey,
     lit: Mapping[str, Grey],
-    located: inspecting.LocatedView | None = None,
+    located: inspecting.CheckedView | inspecting.NotEvaluated | None = None,
 ) -> inspecting.ViewResult:
     pictures = inspecting.ViewPictures(backlit=backlit, lit=lit)
     return _with_faces(c, inspecting.inspect_view(c.posed, c.samples, task, pictures, located))

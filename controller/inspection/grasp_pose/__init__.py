@@ -7,14 +7,14 @@ faces have small ones of their own, but neither includes scale or thickness.
 from ._backlit import Backlit, backlit_outline, chord_px
 from ._joint import fit_grasp
 from ._rims import Rims, find_rims
-from ._types import FaceShift, GraspPose, OutlineView, PoseSettings, ViewPose
+from ._types import FaceShift, GraspPose, OutlinedView, PoseSettings, ViewPose
 from .rivals import Rival, find_rival, is_suspect, mirror_image
 
 __all__ = [
     "Backlit",
     "FaceShift",
     "GraspPose",
-    "OutlineView",
+    "OutlinedView",
     "PoseSettings",
     "Rims",
     "Rival",

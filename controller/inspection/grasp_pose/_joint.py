@@ -24,7 +24,7 @@ from controller.recognition.fitting import sample_information, twist
 
 from .._pose import PosedPart
 from ._rims import FREEDOMS, Rims, find_rims
-from ._types import FaceShift, GraspPose, OutlineView, PoseSettings, ViewPose
+from ._types import FaceShift, GraspPose, OutlinedView, PoseSettings, ViewPose
 
 # Largest offset of the outline in each coarse step; the visible faces change as the part tilts.
 REACH_PX: Final = (25.0, 18.0, 12.5, 9.0, 7.0, 6.0)
@@ -51,7 +51,7 @@ SPLIT_RAD: Final = 0.5  # sector of a curved edge, along which the effect of lig
 
 
 def fit_grasp(
-    part: PosedPart, views: Sequence[OutlineView], settings: PoseSettings | None = None
+    part: PosedPart, views: Sequence[OutlinedView], settings: PoseSettings | None = None
 ) -> GraspPose | None:
     """Return the pose of a part in the jaws; None if no view shows an outline near it.
 
@@ -80,7 +80,7 @@ def fit_grasp(
 
 
 def _approach(
-    part: PosedPart, views: Sequence[OutlineView], state: FloatArray, settings: PoseSettings
+    part: PosedPart, views: Sequence[OutlinedView], state: FloatArray, settings: PoseSettings
 ) -> tuple[FloatArray, float]:
     """Return the state after some steps, and the share of the outline that is still far off."""
     for reach in REACH_PX:
@@ -98,28 +98,28 @@ def _approach(
 class _Placed:
     """A view with its current pose."""
 
-    view: OutlineView
+    view: OutlinedView
     T_world_part: FloatArray
 
 
-def _placed(part: PosedPart, views: Sequence[OutlineView], state: FloatArray) -> list[_Placed]:
+def _placed(part: PosedPart, views: Sequence[OutlinedView], state: FloatArray) -> list[_Placed]:
     """Return the views with their poses: the expected ones, moved by grasp and view."""
     centre = part.solid.centroid_mm
     return [
-        _Placed(view, view.T_world_part @ twist(x[3:], x[:3], centre))
+        _Placed(view, view.task.T_world_part @ twist(x[3:], x[:3], centre))
         for view, x in zip(views, state[0] + state[1:], strict=True)
     ]
 
 
 def _coarse(part: PosedPart, placed: _Placed) -> Rims:
-    camera = placed.view.camera
+    camera = placed.view.task.camera
     return find_rims(part, placed.T_world_part, camera, COARSE_COUNT, 0.0)
 
 
-def _prior(views: Sequence[OutlineView], settings: PoseSettings) -> FloatArray:
+def _prior(views: Sequence[OutlinedView], settings: PoseSettings) -> FloatArray:
     """Return the prior information (1 + k, 6) of grasp and views."""
-    mm = min(view.prior_mm for view in views)
-    rad = min(view.prior_rad for view in views)
+    mm = min(one.view.prior_mm for one in views)
+    rad = min(one.view.prior_rad for one in views)
     own = [settings.view_mm] * 3 + [settings.view_rad] * 3
     return 1.0 / np.array([[mm] * 3 + [rad] * 3] + [own] * len(views)) ** 2
 
@@ -128,7 +128,7 @@ class _Prior:
     """Prior of all unknowns of the fine rounds."""
 
     def __init__(
-        self, part: PosedPart, views: Sequence[OutlineView], settings: PoseSettings
+        self, part: PosedPart, views: Sequence[OutlinedView], settings: PoseSettings
     ) -> None:
         self.settings = settings
         self.poses = _prior(views, settings).ravel()
@@ -166,7 +166,7 @@ class _Prior:
 
 
 def _coarse_step(
-    views: Sequence[OutlineView],
+    views: Sequence[OutlinedView],
     rims: Sequence[Rims],
     gaps: Sequence[FloatArray],
     state: FloatArray,
@@ -216,8 +216,8 @@ class _Solved:
 
 def _fine(
     part: PosedPart,
-    usable: list[OutlineView],
-    views: Sequence[OutlineView],
+    usable: list[OutlinedView],
+    views: Sequence[OutlinedView],
     state: FloatArray,
     settings: PoseSettings,
 ) -> GraspPose | None:
@@ -249,9 +249,10 @@ def _fine(
     if max(v.paired for v in shown) >= 1.0 - MISSED_SHARE:
         # of the others, those whose outline stands before nothing are known by these
         known |= {v.view_id: v for v in _hidden(part, views, known, x, covariance, prior)}
+    ids = [view.task.view_id for view in views]
     return GraspPose(
-        views=tuple(known[v.view_id] for v in views if v.view_id in known),
-        missing=tuple(v.view_id for v in views if v.view_id not in known),
+        views=tuple(known[view_id] for view_id in ids if view_id in known),
+        missing=tuple(view_id for view_id in ids if view_id not in known),
         shift_mm=x[:3],
         rotation_rad=x[3:6],
         covariance=covariance[:6, :6],
@@ -261,7 +262,7 @@ def _fine(
 
 def _hidden(
     part: PosedPart,
-    views: Sequence[OutlineView],
+    views: Sequence[OutlinedView],
     known: Collection[str],
     x: FloatArray,
     covariance: FloatArray,
@@ -281,9 +282,9 @@ def _hidden(
     own = np.diag([settings.view_mm] * 3 + [settings.view_rad] * 3) ** 2
     out = []
     for view in views:
-        if view.view_id in known:
+        if view.task.view_id in known:
             continue
-        T = view.T_world_part @ twist(x[3:6], x[:3], part.solid.centroid_mm)
+        T = view.task.T_world_part @ twist(x[3:6], x[:3], part.solid.centroid_mm)
         placed = _Placed(view, T)
         one = _predict(part, placed, 0, 1)
         points = one.rims.points
@@ -293,7 +294,7 @@ def _hidden(
         nothing = np.full(len(points.pixels), np.nan)
         out.append(
             ViewPose(
-                view_id=view.view_id,
+                view_id=view.task.view_id,
                 T_world_part=T,
                 covariance=_in_world(T, covariance[:6, :6] + own),
                 deviation_mm=0.0,
@@ -322,7 +323,7 @@ def _in_world(T: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 def _predict(part: PosedPart, placed: _Placed, number: int, count: int) -> _Predicted:
-    camera = placed.view.camera
+    camera = placed.view.task.camera
     centre = transform(placed.T_world_part, part.solid.centroid_mm[None])[0]
     pixel_mm = camera.mm_per_px(centre)
     rims = find_rims(part, placed.T_world_part, camera, np.inf, pixel_mm)
@@ -359,7 +360,7 @@ def _predict(part: PosedPart, placed: _Placed, number: int, count: int) -> _Pred
         edges=sp.csr_matrix((np.ones(n), (np.arange(n), edge)), shape=(n, edge.max(initial=0) + 1)),
         correlated=max(1.0, CORRELATED_PX * pixel_mm / rims.points.step_mm),
         along=max(1.0, ALONG_MM / rims.points.step_mm),
-        noise_px=np.hypot(placed.view.noise_px, rims.facet_px / np.sqrt(3.0)),
+        noise_px=np.hypot(placed.view.backlit.noise_px, rims.facet_px / np.sqrt(3.0)),
         pixel_mm=pixel_mm,
     )
 
@@ -375,7 +376,7 @@ def _edges(rims: Rims) -> IntArray:
 
 def _left(
     part: PosedPart,
-    views: Sequence[OutlineView],
+    views: Sequence[OutlinedView],
     predicted: Sequence[_Predicted],
     x: FloatArray,
     start: FloatArray,
@@ -389,7 +390,7 @@ def _left(
     for view, one, new, old in zip(views, predicted, now, then, strict=True):
         points = one.rims.points
         T_moved = new.T_world_part @ inverse_pose(old.T_world_part)
-        pixels = view.camera.project(transform(T_moved, points.points_mm))
+        pixels = view.task.camera.project(transform(T_moved, points.points_mm))
         out.append(view.outline.gaps(pixels, points.normals, points, COMPARED_PX).gap_px)
     return out
 
@@ -488,7 +489,7 @@ def _view_pose(
     both[:, :6] = np.eye(6)
     both[:, at] += np.eye(6)
     return ViewPose(
-        view_id=placed.view.view_id,
+        view_id=placed.view.task.view_id,
         T_world_part=T,
         covariance=_in_world(T, both @ covariance @ both.T),
         deviation_mm=float(np.linalg.norm(x[at][:3])),

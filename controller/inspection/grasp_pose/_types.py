@@ -1,13 +1,15 @@
 """Inputs and results of the fit of a grasp."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
-from controller.imaging import Camera
 from controller.recognition.fitting import OutlineMeasure
 
+from .._scene import ViewScene
+from .._types import PicturedView, ViewTask
+from ._backlit import Backlit
 from ._rims import Rims
 
 
@@ -29,25 +31,34 @@ class PoseSettings:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class OutlineView:
-    """One view of a part, with the data for a pose fit.
+class OutlinedView:
+    """A view with the outline in its picture before the panel.
 
     Attributes
     ----------
-    view_id, camera : name and camera of the view
-    T_world_part : (4, 4) pose of the part by kinematics
-    outline : outline observed before the panel
-    noise_px : standard deviation of one of its points
-    prior_mm, prior_rad : standard deviations of the expected pose
+    view : the view with its pictures
+    scene : scene without the part
+    backlit : outline observed before the panel
     """
 
-    view_id: str
-    camera: Camera
-    T_world_part: FloatArray
-    outline: OutlineMeasure
-    noise_px: float
-    prior_mm: float = 1.5
-    prior_rad: float = 0.03
+    view: PicturedView
+    scene: ViewScene
+    backlit: Backlit
+
+    @property
+    def task(self) -> ViewTask:
+        """The view: camera, pose expected, limits."""
+        return self.view.task
+
+    @property
+    def outline(self) -> OutlineMeasure:
+        """The outline observed."""
+        return self.backlit.outline
+
+    def turned(self, T_part_turned: FloatArray) -> "OutlinedView":
+        """Return the view with the part expected at a turn (4, 4) from its pose."""
+        task = replace(self.task, T_world_part=self.task.T_world_part @ T_part_turned)
+        return replace(self, view=replace(self.view, task=task))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -17,7 +17,7 @@ from controller.cad import Solid
 
 from .._pose import PosedPart
 from ._joint import fit_grasp
-from ._types import GraspPose, OutlineView, PoseSettings
+from ._types import GraspPose, OutlinedView, PoseSettings
 
 SUSPECT_SHARE: Final = 0.985  # share of the outline in place below which the part is suspect
 LOST_PX: Final = 6.0  # offset counted for an outline point without a partner
@@ -73,7 +73,7 @@ def is_suspect(fits: Sequence[GraspPose | None]) -> bool:
 
 def find_rival(
     part: PosedPart,
-    grasps: Sequence[Sequence[OutlineView]],
+    grasps: Sequence[Sequence[OutlinedView]],
     fits: Sequence[GraspPose | None],
     settings: PoseSettings,
 ) -> Rival | None:
@@ -105,7 +105,7 @@ def find_rival(
     return Rival("its mirror image", log_odds, explained, expected)
 
 
-def _turned(views: Sequence[OutlineView], part: PosedPart, axis: int) -> list[OutlineView]:
+def _turned(views: Sequence[OutlinedView], part: PosedPart, axis: int) -> list[OutlinedView]:
     """Return the views with the expected pose turned by half a turn about an axis; 3 for none."""
     centre = part.solid.centroid_mm
     turn = np.eye(4)
@@ -114,7 +114,7 @@ def _turned(views: Sequence[OutlineView], part: PosedPart, axis: int) -> list[Ou
         signs[axis] = 1.0
         turn[:3, :3] = np.diag(signs)
         turn[:3, 3] = centre - signs * centre
-    return [replace(view, T_world_part=view.T_world_part @ turn) for view in views]
+    return [view.turned(turn) for view in views]
 
 
 def _offs(fit: GraspPose) -> list[tuple[FloatArray, float]]:

@@ -117,7 +117,7 @@ def _forecast(c: Context, plan: Plan) -> Forecast:
     )
 
 
-def _views(c: Context, plan: Plan) -> Iterator[inspecting.HeldView]:
+def _views(c: Context, plan: Plan) -> Iterator[inspecting.PicturedView]:
     """Yield the views of a plan with their predicted pictures."""
     held, number = "", 0
     for step in plan.steps:
@@ -137,7 +137,9 @@ def _views(c: Context, plan: Plan) -> Iterator[inspecting.HeldView]:
 
 def _held(
     c: Context, task: inspecting.ViewTask, number: int, counted: BoolArray | None
-) -> inspecting.HeldView:
+) -> inspecting.PicturedView:
     """Return a view with its predicted pictures, its pose known as well as once measured."""
     pictures = inspecting.predict_pictures(c.posed, task)
-    return inspecting.HeldView(task, pictures, number, *inspecting.MEASURED_HOLD, counted=counted)
+    return inspecting.PicturedView(
+        task, pictures, number, *inspecting.MEASURED_HOLD, counted=counted
+    )
