@@ -36,7 +36,9 @@ from controller.config.view_set import load_view_set
 from controller.inspection import InspectionLimits, Kept
 from controller.inspection.characteristics import Measured
 from controller.inspection.characteristics.derive import derive
-from controller.inspection.part import PoseSettings, measure_views, pose_views
+from controller.inspection.dimensions import measure
+from controller.inspection.grasp_pose import PoseSettings
+from controller.inspection.stages import pose_views
 from controller.setup.characteristics import measuring_settings
 from controller.stored import build_view_set, compiled_part, read_pictures
 
@@ -148,9 +150,8 @@ def measured(path: Path) -> list[Measured]:
     part = compiled_part(path, file)
     views = build_view_set(file, part, read_pictures(path, file), InspectionLimits())
     deep = tuple(one for one in derive(part) if one.is_depth)
-    posed = pose_views(views, PoseSettings())
-    settings = measuring_settings(file.accuracy)
-    return list(measure_views(views, posed, deep, settings, Kept()))
+    posed = pose_views(views, PoseSettings()).known(Kept())
+    return list(measure(views.part, deep, posed, measuring_settings(file.accuracy)))
 
 
 def row_of(found: Measured, off_mm: float) -> dict[str, Any]:

@@ -6,6 +6,7 @@ Arrays in, dataclasses out (cell-facts.md 3).
 from ._gathered import by_place
 from ._holder import with_measured_holder
 from ._judge import MIN_FACE_SHARE, FaceVerdict, PartVerdict, judge
+from ._part_types import PartFinding, PartInspection, PartSettings, ViewOff, ViewSet
 from ._pose import PosedPart
 from ._scene import ViewScene, before_part, box_mesh, make_scene
 from ._types import (
@@ -28,15 +29,7 @@ from .detection import KINDS, Detection, least_mm
 from .kept import Kept, Same
 from .learning import MIN_PARTS, GoodPart, Lesson, TooFewPartsError, Tried, learn, require_usable
 from .lit import MIN_WIDTH_PX, Appearance, LearnedPicture, LearnedView
-from .part import (
-    PartFinding,
-    PartInspection,
-    PartSettings,
-    ViewOff,
-    ViewSet,
-    inspect_part,
-    work_ahead,
-)
+from .part import inspect_part, work_ahead
 from .predicted import predict_pictures
 from .view import CheckedView, NotEvaluated, inspect_view, locate_view
 

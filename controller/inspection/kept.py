@@ -1,14 +1,16 @@
 """Cache of results, so that a part's views need not be evaluated twice.
 
-Each entry depends only on objects that never change: pictures, a view, a pose. A cached result
-equals a recomputed one, so a part evaluated in advance, view by view, has the same result as one
-judged all at once.
+A function marked as a `stage` is computed once for its arguments. They never change: pictures, a
+view, a pose. A cached result equals a recomputed one, so a part evaluated in advance, view by view,
+has the same result as one judged all at once.
 """
 
 from collections.abc import Callable, Hashable
-from typing import Any, TypeVar, cast
+from functools import partial, wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 Made = TypeVar("Made")
+Arguments = ParamSpec("Arguments")
 
 
 class Same:
@@ -36,11 +38,12 @@ class Kept:
 
     def __init__(self) -> None:
         self._made: dict[Hashable, Any] = {}
+        self._count = 0
 
     @property
     def count(self) -> int:
-        """Number of results so far."""
-        return len(self._made)
+        """Number of results computed so far, those that were dropped included."""
+        return self._count
 
     def once(self, make: Callable[[], Made], *key: Hashable) -> Made:
         """Return the cached value of a key; compute it if there is none.
@@ -52,4 +55,28 @@ class Kept:
         """
         if key not in self._made:
             self._made[key] = make()
+            self._count += 1
         return cast("Made", self._made[key])
+
+    def forget(self, *key: Hashable) -> None:
+        """Drop the value of a key, of a stage and its arguments, if there is one."""
+        self._made.pop(key, None)
+
+
+def stage(
+    function: Callable[Concatenate[Kept, Arguments], Made],
+) -> Callable[Concatenate[Kept, Arguments], Made]:
+    """Make a function a stage: what it has made of the same arguments is taken from the cache.
+
+    Parameters
+    ----------
+    function : its first argument is the cache; the others never change, and are compared by value
+        or, if they have no equality, by identity
+    """
+
+    @wraps(function)
+    def once(kept: Kept, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Made:
+        assert not kwargs, "arguments of a stage are its key, in order"
+        return kept.once(partial(function, kept, *args, **kwargs), once, *args)
+
+    return once

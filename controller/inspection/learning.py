@@ -17,8 +17,9 @@ from controller.arrays import BoolArray, Float32Array, FloatArray
 
 from ._gathered import PlacedFinding, gather
 from ._judge import confirm
-from ._types import OUTLINE, PicturedView, Verdict, ViewResult
-from .grasp_pose import PoseSettings
+from ._part_types import ViewSet
+from ._types import OUTLINE, Verdict, ViewResult
+from .grasp_pose import OutlinedView, PoseSettings
 from .kept import Kept
 from .lit import (
     COARSE,
@@ -36,7 +37,7 @@ from .lit import (
     regridded,
     unusual,
 )
-from .part import PosedViews, ViewSet, pose_views
+from .stages import PosedViews, pose_views
 from .view import ComparedView, NotEvaluated, Strictness, compare_view
 
 MIN_PARTS: Final = 5  # with fewer, one defective part is not told from the others
@@ -108,7 +109,7 @@ class _Shown:
     """A part in one view."""
 
     part: int
-    view: PicturedView
+    view: OutlinedView
     T_world_part: FloatArray
 
 
@@ -213,10 +214,10 @@ class _Lesson:
         )
 
     def _shown(self) -> Iterator[_Shown]:
-        for number, (part, posed) in enumerate(zip(self._parts, self._posed, strict=True)):
-            for view in part.views.views:
-                pose = posed.pose(view.task.view_id)
-                if pose is not None and view.task.lamps:
+        for number, posed in enumerate(self._posed):
+            for view in posed.outlined:
+                pose = posed.pose(view.view.task.view_id)
+                if isinstance(view, OutlinedView) and pose is not None and view.task.lamps:
                     yield _Shown(number, view, pose.T_world_part)
 
     def _view(self, group: Sequence[_Shown]) -> LearnedView | None:
@@ -252,13 +253,13 @@ class _Lesson:
         return replace(base, pictures=pictures)
 
     def _held(self, one: _Shown) -> ComparedView | NotEvaluated:
-        posed, view_id = self._posed[one.part], one.view.task.view_id
+        posed = self._posed[one.part]
         views = self._parts[one.part].views
         return compare_view(
             views.part,
             views.samples,
-            posed.outlined[view_id],
-            posed.pose(view_id),
+            one.view,
+            posed.pose(one.view.task.view_id),
             Strictness(view_count=len(views.views)),
         )
 

@@ -8,9 +8,17 @@ import numpy as np
 from cad_solids import Body
 from shown_part import Array, hand, photograph, shown, task
 
-from controller.inspection import WorldBox
-from controller.inspection.dimensions import BACKLIT, PosedView
-from controller.inspection.edge_evidence import EdgeView
+from controller.cad import SurfaceSamples
+from controller.inspection import InspectionLimits, PosedPart, WorldBox
+from controller.inspection.dimensions import MeasuringSettings, PosedView
+from controller.inspection.edge_evidence import (
+    EdgeEvidence,
+    closest_pixel_mm,
+    find_edges,
+    find_evidence,
+    look_at_edges,
+)
+from controller.inspection.integrity import Allowances, allowed_mm
 
 KNOWN = np.diag([0.02] * 3 + [0.0003] * 3) ** 2  # a pose as well known as a fit's
 
@@ -20,12 +28,26 @@ def edge_views(
     looks: tuple[tuple[float, float], ...],
     holder: Callable[[Array], tuple[WorldBox, ...]] = hand,
     grasp: str = "",
-) -> list[EdgeView]:
+) -> list[PosedView]:
     """Views of a real body, turned and tilted [deg], before the panel and under every lamp."""
     views = []
     for number, (turn, tilt) in enumerate(looks):
         T = shown(turn, tilt)
         pictures = photograph(body, T, holder(T))
-        posed = PosedView(task(T, holder(T), f"{grasp}v{number}"), pictures, T, KNOWN)
-        views.append(EdgeView(posed, (BACKLIT, *pictures.lit)))
+        views.append(PosedView(task(T, holder(T), f"{grasp}v{number}"), pictures, T, KNOWN))
     return views
+
+
+def evidence_of(
+    part: PosedPart,
+    samples: SurfaceSamples,
+    views: list[PosedView],
+    limits: InspectionLimits,
+) -> EdgeEvidence:
+    """The evidence of a part's edges in all of some views, under the defaults."""
+    allowances, settings = Allowances(), MeasuringSettings()
+    edges = find_edges(part.solid, closest_pixel_mm(views))
+    assert edges is not None
+    allowed = allowed_mm(part, allowances.tolerance_class)
+    looks = [look_at_edges(part, edges, view, allowed, settings) for view in views]
+    return find_evidence(part, samples, views, edges, looks, limits, allowances, settings)

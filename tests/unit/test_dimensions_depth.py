@@ -53,7 +53,7 @@ def nominal(kind: str) -> tuple[PosedPart, Characteristic]:
 
 def depth_of(kind: str, body: Body, looks: tuple[tuple[float, float], ...] = LOOKS) -> Measured:
     part, depth = nominal(kind)
-    (found,) = measure(part, (depth,), [one.view for one in edge_views(body, looks)])
+    (found,) = measure(part, (depth,), edge_views(body, looks))
     return found
 
 
@@ -96,6 +96,6 @@ def test_a_depth_seen_along_its_axis_is_not_measured_and_a_pass_says_so() -> Non
 def test_a_depth_with_limits_of_its_own_has_to_be_shown() -> None:
     part, depth = nominal("hole")
     asked = replace(depth, source="recipe")
-    views = [one.view for one in edge_views(holed(), ((0.0, 0.0),))]
+    views = edge_views(holed(), ((0.0, 0.0),))
     standing = standing_of(measure(part, (asked,), views))
     assert standing.verdict is Verdict.INDETERMINATE

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cad_solids import Body, box, solid_of
-from edge_views import edge_views
+from edge_views import edge_views, evidence_of
 from numpy.typing import NDArray
 from shown_part import part, perfect, samples
 
@@ -22,7 +22,6 @@ from controller.inspection.edge_evidence import (
     find_damage,
     find_displaced,
     find_edges,
-    find_evidence,
     refuted,
 )
 from controller.inspection.integrity import Allowances
@@ -251,12 +250,10 @@ def test_what_two_views_show_is_damage_whatever_two_others_do_not() -> None:
 
 def test_where_the_gripper_may_keep_light_away_is_known_by_its_boxes() -> None:
     views = edge_views(perfect(), TURNS[:1])
-    found = find_evidence(
-        part(), samples(), views, InspectionLimits(), Allowances(), MeasuringSettings()
-    )
+    found = evidence_of(part(), samples(), views, InspectionLimits())
     assert found.edges is not None
     points = np.column_stack([found.edges.points_mm, np.ones(len(found.edges.edge))])
-    task = {one.view.task.view_id: one.view.task for one in views}
+    task = {one.task.view_id: one.task for one in views}
     (side,) = next(iter(task.values())).lamps[1].points_mm
     shaded_count = 0
     for look in found.looks:
@@ -279,9 +276,7 @@ def test_where_the_gripper_may_keep_light_away_is_known_by_its_boxes() -> None:
 
 def shown_damage(body: Body, turns: tuple[tuple[float, float], ...]) -> list[Finding]:
     views = edge_views(body, turns)
-    found = find_evidence(
-        part(), samples(), views, InspectionLimits(), Allowances(), MeasuringSettings()
-    )
+    found = evidence_of(part(), samples(), views, InspectionLimits())
     return [f for every in found.findings.values() for f in every]
 
 

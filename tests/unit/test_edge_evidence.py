@@ -8,20 +8,17 @@ from functools import cache
 import numpy as np
 import pytest
 from cad_solids import Body, box, rod, solid_of
-from edge_views import edge_views
+from edge_views import edge_views, evidence_of
 from manifold3d import CrossSection, Manifold
 from shown_part import Array, face_id, hand, part, perfect
 
 from controller.cad import find_recesses, sample_surface
 from controller.inspection import FindingKind, InspectionLimits, PosedPart, WorldBox
-from controller.inspection.dimensions import MeasuringSettings
 from controller.inspection.edge_evidence import (
     EdgeEvidence,
     FaceEdges,
-    find_evidence,
     inner_mm,
 )
-from controller.inspection.integrity import Allowances
 
 LOOKS = ((-15.0, 5.0), (20.0, -12.0), (8.0, 14.0))  # turn and tilt [deg]
 LIMITS = InspectionLimits(smallest_defect_mm=3.0, dust_mm=0.5)
@@ -33,14 +30,8 @@ def evidence(
     looks: tuple[tuple[float, float], ...],
     limits: InspectionLimits = LIMITS,
 ) -> EdgeEvidence:
-    return find_evidence(
-        nominal,
-        sample_surface(nominal.solid, spacing_mm=0.5),
-        edge_views(body, looks),
-        limits,
-        Allowances(),
-        MeasuringSettings(),
-    )
+    samples = sample_surface(nominal.solid, spacing_mm=0.5)
+    return evidence_of(nominal, samples, edge_views(body, looks), limits)
 
 
 @cache
@@ -176,7 +167,7 @@ def of_half_covered(body: Body) -> FaceEdges:
         *edge_views(body, ((28.0, 8.0), (-28.0, 8.0), (152.0, 8.0), (208.0, 8.0)), hand, "B"),
     ]
     samples = sample_surface(part().solid)
-    found = find_evidence(part(), samples, views, LIMITS, Allowances(), MeasuringSettings())
+    found = evidence_of(part(), samples, views, LIMITS)
     return found.faces[bore_wall()]
 
 

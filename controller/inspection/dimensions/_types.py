@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from controller.arrays import FloatArray, Grey
+from controller.arrays import BoolArray, FloatArray, Grey
 
 from .._scene import ViewScene
 from .._types import ViewPictures, ViewTask
@@ -22,6 +22,8 @@ class PosedView:
         about it, world [rad]
     grasp : number of the grasp; views with the same number share the error of their pose
     scene : scene without the part; None to derive it from the task
+    passed : lamps whose pictures passed their self-checks, including `BACKLIT`; None for all
+    counted : (s,) mask of the surface samples for which the view counts; None for all
     """
 
     task: ViewTask
@@ -30,6 +32,13 @@ class PosedView:
     covariance: FloatArray
     grasp: int = 0
     scene: ViewScene | None = None
+    passed: tuple[str, ...] | None = None
+    counted: BoolArray | None = None
+
+    @property
+    def lamps(self) -> tuple[str, ...]:
+        """Lamps of the pictures that count, including `BACKLIT`."""
+        return (BACKLIT, *self.pictures.lit) if self.passed is None else self.passed
 
     def picture(self, lamp: str) -> Grey:
         """Return the picture under a lamp, or before the panel (`BACKLIT`)."""

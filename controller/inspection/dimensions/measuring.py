@@ -2,17 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Final
 
 from .._pose import PosedPart
 from .._types import Verdict
 from ..characteristics import Characteristic, Measured, verdict_of
-from ..kept import Kept
 from ._features import Feature, FeatureFit
 from ._looks import Estimate, Sought, estimate, features_of, seek
 from ._pictures import fit_features, predict
-from ._types import BACKLIT, MeasuringSettings, PosedView
+from ._types import MeasuringSettings, PosedView
 from .combine import Combined, combine
 
 DEFAULT: Final = MeasuringSettings()
@@ -24,7 +22,6 @@ def measure(
     characteristics: Sequence[Characteristic],
     views: Sequence[PosedView],
     settings: MeasuringSettings = DEFAULT,
-    kept: Kept | None = None,
 ) -> tuple[Measured, ...]:
     """Return the characteristics, in order, with value, uncertainty and verdict from all views.
 
@@ -34,61 +31,45 @@ def measure(
     characteristics : characteristics to measure
     views : views with pictures, and the part's pose in them
     settings : limits of a valid measurement, and prior uncertainties
-    kept : results computed before; None for none
     """
-    kept = kept or Kept()
-    sought = _sought(part, tuple(characteristics), kept)
-    by_view = [_kept_looks(part, sought, view, settings, kept) for view in views]
-    found = iter(_put_together(sought, by_view, settings))
-    return tuple(
-        Measured(c, None, None, Verdict.NOT_EVALUATED, (), why)
-        if (why := _why_not(c))
-        else next(found)
-        for c in characteristics
-    )
+    sought = seek_all(part, characteristics)
+    by_view = [look_for(part, sought, view, settings) for view in views]
+    return put_together(characteristics, sought, by_view, settings)
 
 
-def measure_ahead(
-    part: PosedPart,
-    characteristics: tuple[Characteristic, ...],
-    view: PosedView,
-    settings: MeasuringSettings,
-    kept: Kept,
-) -> None:
-    """Compute the results that `measure` will need from a view in advance.
+def seek_all(part: PosedPart, characteristics: Sequence[Characteristic]) -> tuple[Sought, ...]:
+    """Return the features to seek in pictures, for the characteristics that one may show.
 
     Parameters
     ----------
     part : the CAD model
     characteristics : characteristics to measure
-    view : view with pictures, and the part's pose in them
-    settings : see `measure`
-    kept : store for the results
     """
-    _kept_looks(part, _sought(part, characteristics, kept), view, settings, kept)
-
-
-def _sought(
-    part: PosedPart, characteristics: tuple[Characteristic, ...], kept: Kept
-) -> tuple[Sought, ...]:
-    """Return the features to seek in pictures, for the characteristics that one may show."""
-    return kept.once(partial(_all_sought, part, characteristics), _all_sought, characteristics)
-
-
-def _all_sought(part: PosedPart, characteristics: tuple[Characteristic, ...]) -> tuple[Sought, ...]:
     asked = (seek(c, part.solid) for c in characteristics if not _why_not(c))
     return tuple(one for one in asked if one is not None)
 
 
-def _kept_looks(
-    part: PosedPart,
-    sought: tuple[Sought, ...],
-    view: PosedView,
+def put_together(
+    characteristics: Sequence[Characteristic],
+    sought: Sequence[Sought],
+    by_view: Sequence[Sequence["DimensionLooks"]],
     settings: MeasuringSettings,
-    kept: Kept,
-) -> "list[_Looks]":
-    return kept.once(
-        partial(_looks, part, sought, view, settings), *(_looks, sought, view, settings)
+) -> tuple[Measured, ...]:
+    """Return the characteristics, in order, from the looks of all views.
+
+    Parameters
+    ----------
+    characteristics : characteristics to measure
+    sought : their features, from `seek_all`
+    by_view : looks of each view at all that is sought, from `look_for`
+    settings : see `measure`
+    """
+    found = iter(_combined(sought, by_view, settings))
+    return tuple(
+        Measured(c, None, None, Verdict.NOT_EVALUATED, (), why)
+        if (why := _why_not(c))
+        else next(found)
+        for c in characteristics
     )
 
 
@@ -101,9 +82,9 @@ def _why_not(characteristic: Characteristic) -> str:
     return ""
 
 
-def _put_together(
+def _combined(
     sought: Sequence[Sought],
-    by_view: Sequence[Sequence["_Looks"]],
+    by_view: Sequence[Sequence["DimensionLooks"]],
     settings: MeasuringSettings,
 ) -> list[Measured]:
     answers = []
@@ -132,33 +113,48 @@ def look(
     """
     sought = [seek(c, part.solid) for c in characteristics]
     known = tuple(one for one in sought if one is not None)
-    found = iter(_looks(part, known, view, settings))
+    found = iter(look_for(part, known, view, settings))
     return [[] if one is None else next(found).whole for one in sought]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Looks:
-    """Estimates of a characteristic, and of each of its features, from a view."""
+class DimensionLooks:
+    """Estimates of a characteristic, and of each of its features, from a view.
+
+    Attributes
+    ----------
+    whole : from each picture
+    halves : from each picture, for each of two features alone
+    """
 
     whole: list[Estimate]
     halves: tuple[list[Estimate], list[Estimate]]
 
 
-def _looks(
+def look_for(
     part: PosedPart,
     sought: Sequence[Sought],
     view: PosedView,
     settings: MeasuringSettings,
-) -> list[_Looks]:
+) -> list[DimensionLooks]:
+    """Return the estimates of all that is sought from a view's pictures.
+
+    Parameters
+    ----------
+    part : the CAD model
+    sought : features, from `seek_all`
+    view : view with pictures, and the part's pose in them
+    settings : see `measure`
+    """
     features: dict[tuple[object, ...], Feature] = {}
     for one in sought:
         features = {**one.features, **features}
-    answers = [_Looks([], ([], [])) for _ in sought]
+    answers = [DimensionLooks([], ([], [])) for _ in sought]
     if not features:
         return answers
     prediction = predict(part, view, tuple(features.values()))
     sharpness = None
-    for lamp in (BACKLIT, *view.pictures.lit):
+    for lamp in view.lamps:
         fits, sharp = fit_features(part, prediction, lamp, sharpness, settings)
         sharpness = sharpness or sharp
         by_key: dict[tuple[object, ...], FeatureFit] = dict(zip(features, fits, strict=True))

@@ -6,9 +6,9 @@ from ._displaced import Displaced, find_displaced
 from ._edges import KEPT_PARTS, PartEdges, find_edges
 from ._faces import FaceEdges, MissingEdge, inner_mm
 from ._floor_light import BlindBore, blind_bore, rise_by_light
-from ._looks import EdgeLook, State
+from ._looks import EdgeLook, State, look_at_edges
 from ._other_looks import refuted
-from .evidence import EdgeEvidence, EdgeView, find_evidence, look_ahead
+from .evidence import EdgeEvidence, closest_pixel_mm, find_evidence
 
 __all__ = [
     "KEPT_PARTS",
@@ -16,7 +16,6 @@ __all__ = [
     "Displaced",
     "EdgeEvidence",
     "EdgeLook",
-    "EdgeView",
     "FaceEdges",
     "Floor",
     "FloorLook",
@@ -24,13 +23,14 @@ __all__ = [
     "PartEdges",
     "State",
     "blind_bore",
+    "closest_pixel_mm",
     "find_damage",
     "find_displaced",
     "find_edges",
     "find_evidence",
     "find_floor",
     "inner_mm",
-    "look_ahead",
+    "look_at_edges",
     "refuted",
     "rise_by_light",
 ]

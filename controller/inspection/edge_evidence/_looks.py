@@ -1,6 +1,5 @@
 """Search for every edge of a part in a view's pictures: in place, elsewhere, or absent."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Final
@@ -97,7 +96,6 @@ def look_at_edges(
     part: PosedPart,
     edges: PartEdges,
     view: PosedView,
-    lamps: Sequence[str],
     allowed_mm: FloatArray,
     settings: MeasuringSettings,
 ) -> list[EdgeLook]:
@@ -107,8 +105,7 @@ def look_at_edges(
     ----------
     part : the part
     edges : edges of the part
-    view : view with its pictures, and the part's pose
-    lamps : lamps of the pictures that count, including `BACKLIT`
+    view : view with the pictures that count, and the part's pose
     allowed_mm : (f, 2) largest growth and shift of each face of a good part
     settings : prior uncertainties
     """
@@ -134,7 +131,7 @@ def look_at_edges(
     own = OWN_WALL * np.linalg.norm(across, axis=1)
     through = (rays.rising[:, None] * step) > own[:, None]
     out = []
-    for lamp in lamps:
+    for lamp in view.lamps:
         is_backlit = lamp == BACKLIT
         picture = view.picture(lamp)
         light = settings.backlit_edge_px if is_backlit else settings.lit_edge_px

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -16,13 +15,12 @@ from .._pose import PosedPart
 from .._types import Finding, InspectionLimits
 from ..dimensions import BACKLIT, MeasuringSettings, PosedView
 from ..integrity import Allowances, allowed_mm
-from ..kept import Kept
 from ._against import find_against
 from ._beside import compared_beside
 from ._damage import find_damage
 from ._depth import Floor, find_floor
 from ._displaced import find_displaced
-from ._edges import PartEdges, find_edges
+from ._edges import PartEdges
 from ._faces import FaceEdges, MissingEdge, inner_mm, missing_edges, prove_faces
 from ._floor_light import blind_bore, rise_by_light
 from ._looks import EdgeLook, look_at_edges
@@ -60,51 +58,34 @@ class EdgeEvidence:
     missing: tuple[MissingEdge, ...] = ()
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class EdgeView:
-    """A view whose edges count.
-
-    Attributes
-    ----------
-    view : view with its pictures, and the part's pose
-    lamps : lamps whose pictures passed their self-checks, including `BACKLIT`
-    counted : (s,) mask of the surface samples for which the view counts; None for all
-    """
-
-    view: PosedView
-    lamps: tuple[str, ...]
-    counted: BoolArray | None = None
-
-
 def find_evidence(
     part: PosedPart,
     samples: SurfaceSamples,
-    views: Sequence[EdgeView],
+    views: Sequence[PosedView],
+    edges: PartEdges | None,
+    by_view: Sequence[Sequence[EdgeLook]],
     limits: InspectionLimits,
     allowances: Allowances,
     settings: MeasuringSettings,
-    kept: Kept | None = None,
 ) -> EdgeEvidence:
     """Return the evidence on a part's faces from its edges, and the damage to the edges.
 
     Parameters
     ----------
     part, samples : the CAD model and its surface samples
-    views : evaluated views
+    views : evaluated views, with the pictures that passed their self-checks
+    edges : edges of the part, from `find_edges`; None without any, or without views
+    by_view : looks of each view at them, from `look_at_edges`
     limits : limits of findings
     allowances : allowed deviations of a good part
     settings : prior uncertainties
-    kept : results computed before; None for none
     """
-    kept = kept or Kept()
-    edges = _kept_edges(part, views, kept)
     if edges is None:
         return EdgeEvidence(None, (), {}, {}, np.zeros(len(samples.points_mm), dtype=bool))
-    pixel_mm = _pixel_mm(views)
+    pixel_mm = closest_pixel_mm(views)
     counted = _Counted(samples, edges, views)
     looks: list[EdgeLook] = []
-    for one in views:
-        found = _kept_looks(part, edges, one, allowances, settings, kept)
+    for one, found in zip(views, by_view, strict=True):
         looks += counted.only(found, one, edges)
     around_mm = EDGE_PLAY_MM + BLUR_PX * pixel_mm
     cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
@@ -115,7 +96,7 @@ def find_evidence(
         part.solid, recesses, edges, looks, narrow, floors, limits.smallest_defect_mm
     )
     runs = find_displaced(edges, looks, pixel_mm, GRAINS * limits.dust_mm, allowances, settings)
-    poses = {one.view.task.view_id: one.view.T_world_part for one in views}
+    poses = {one.task.view_id: one.T_world_part for one in views}
     is_refuted = refuted(edges, runs, looks, poses, pixel_mm, allowances, settings)
     damage = find_damage(edges, runs, poses, is_refuted)
     missing = missing_edges(part.solid, edges, looks, limits.smallest_defect_mm)
@@ -147,7 +128,7 @@ class _Counted:
     """Edges beside surface samples for which a view counts; elsewhere it shows nothing."""
 
     def __init__(
-        self, samples: SurfaceSamples, edges: PartEdges, views: Sequence[EdgeView]
+        self, samples: SurfaceSamples, edges: PartEdges, views: Sequence[PosedView]
     ) -> None:
         self._edge = edges.edge
         self._nearest: IndexArray | None = None
@@ -155,7 +136,7 @@ class _Counted:
             found_at = cKDTree(samples.points_mm).query(edges.points_mm)[1]
             self._nearest = np.asarray(found_at, np.intp)
 
-    def _mask(self, view: EdgeView, chosen: Iterable[int]) -> BoolArray | None:
+    def _mask(self, view: PosedView, chosen: Iterable[int]) -> BoolArray | None:
         """Return a mask of the points of some edges; None where all count."""
         if view.counted is None or self._nearest is None:
             return None
@@ -163,67 +144,21 @@ class _Counted:
         return np.asarray(view.counted[self._nearest[mine]])
 
     def only(
-        self, looks: Iterable[EdgeLook], view: EdgeView, edges: PartEdges
+        self, looks: Iterable[EdgeLook], view: PosedView, edges: PartEdges
     ) -> Sequence[EdgeLook]:
         """Return a view's looks at edges, also at moved ones, where the view counts."""
         mask = self._mask(view, np.unique(edges.edge).tolist())
         return list(looks) if mask is None else [look.only(mask) for look in looks]
 
-    def counts_for(self, view: EdgeView, chosen: Iterable[int]) -> bool:
+    def counts_for(self, view: PosedView, chosen: Iterable[int]) -> bool:
         """Return True if a view counts for all points of some edges."""
         mask = self._mask(view, chosen)
         return mask is None or bool(mask.all())
 
 
-def look_ahead(
-    part: PosedPart,
-    views: Sequence[EdgeView],
-    allowances: Allowances,
-    settings: MeasuringSettings,
-    kept: Kept,
-) -> Iterator[None]:
-    """Search views for edges in advance for `find_evidence`, unless a closer view may follow.
-
-    Yields after each view.
-
-    Parameters
-    ----------
-    part, views, allowances, settings : see `find_evidence`
-    kept : store for the looks
-    """
-    edges = _kept_edges(part, views, kept)
-    for one in views if edges is not None else ():
-        assert edges is not None
-        _kept_looks(part, edges, one, allowances, settings, kept)
-        yield
-
-
-def _pixel_mm(views: Sequence[EdgeView]) -> float:
-    """Return the pixel size at the part in the closest view."""
-    return min(v.view.task.camera.mm_per_px(v.view.T_world_part[:3, 3]) for v in views)
-
-
-def _kept_edges(part: PosedPart, views: Sequence[EdgeView], kept: Kept) -> PartEdges | None:
-    """Return the edges of a part at the density of the closest view; None without edges."""
-    if not views:
-        return None
-    pixel_mm = _pixel_mm(views)
-    return kept.once(partial(find_edges, part.solid, pixel_mm), find_edges, pixel_mm)
-
-
-def _kept_looks(
-    part: PosedPart,
-    edges: PartEdges,
-    one: EdgeView,
-    allowances: Allowances,
-    settings: MeasuringSettings,
-    kept: Kept,
-) -> list[EdgeLook]:
-    def look() -> list[EdgeLook]:
-        allowed = allowed_mm(part, allowances.tolerance_class)
-        return look_at_edges(part, edges, one.view, one.lamps, allowed, settings)
-
-    return kept.once(look, look_at_edges, edges, one.view, one.lamps, allowances, settings)
+def closest_pixel_mm(views: Sequence[PosedView]) -> float:
+    """Return the pixel size at the part in the closest of one or more views."""
+    return min(v.task.camera.mm_per_px(v.T_world_part[:3, 3]) for v in views)
 
 
 def _floors(
@@ -231,7 +166,7 @@ def _floors(
     recesses: Sequence[Recess],
     edges: PartEdges,
     looks: Sequence[EdgeLook],
-    views: Sequence[EdgeView],
+    views: Sequence[PosedView],
     counted: "_Counted",
     allowances: Allowances,
     settings: MeasuringSettings,
@@ -247,12 +182,12 @@ def _floors(
     counted : places for which each of them counts
     allowances, settings : see `find_evidence`
     """
-    pixel_mm = _pixel_mm(views)
+    pixel_mm = closest_pixel_mm(views)
     allowed = allowed_mm(part, allowances.tolerance_class)
 
     def look_at(rival: PosedPart, moved: PartEdges) -> Iterator[EdgeLook]:
         for one in views:
-            found = look_at_edges(rival, moved, one.view, one.lamps, allowed, settings)
+            found = look_at_edges(rival, moved, one, allowed, settings)
             yield from counted.only(found, one, moved)
 
     found: dict[frozenset[int], Floor] = {}
@@ -261,7 +196,7 @@ def _floors(
             continue
         bore = blind_bore(part.solid, recess)
         rises = (
-            rise_by_light(part, bore, one.view, lamp)
+            rise_by_light(part, bore, one, lamp)
             for one in views
             for lamp in one.lamps
             if lamp != BACKLIT and bore is not None and counted.counts_for(one, recess.floor)
@@ -277,12 +212,12 @@ def _floors(
     return found
 
 
-def _best_cosine(solid: Solid, samples: SurfaceSamples, views: Sequence[EdgeView]) -> FloatArray:
+def _best_cosine(solid: Solid, samples: SurfaceSamples, views: Sequence[PosedView]) -> FloatArray:
     """Return the largest cosine of incidence over all views at each face's middle (f,)."""
     out = np.zeros(len(solid.faces))
     for one in views:
-        T = one.view.T_world_part
-        towards = one.view.task.camera.position_mm - transform(T, samples.points_mm)
+        T = one.T_world_part
+        towards = one.task.camera.position_mm - transform(T, samples.points_mm)
         normals = samples.normals @ T[:3, :3].T
         cosine = inner(towards, normals) / lengths(towards)
         for face in np.unique(samples.face_ids[cosine > SEEN_COS]).tolist():
