@@ -72,7 +72,7 @@ def views_of(c: compute.Context, plan: Plan, station: Station, seed: int) -> lis
         task = ViewTask(
             view_id=step.view_id,
             camera=c.inspection,
-            T_world_part=shown_pose(c.layout, step.q, known),
+            T_world_part_expected=shown_pose(c.layout, step.q, known),
             holder=holder_boxes(c.layout, step.q, width),
             panel_mm=panel_corners(c.cell, "station_backlight"),
             lamps=build_lamps(c.cell, lamps),
@@ -81,7 +81,7 @@ def views_of(c: compute.Context, plan: Plan, station: Station, seed: int) -> lis
         )
         result = inspect_view(held.part, c.samples, task, pictures)
         if result.evaluated and not is_seen:
-            known = inverse_pose(result.T_world_part) @ links["arm gripper"]
+            known = inverse_pose(result.T_world_part_known) @ links["arm gripper"]
             is_seen = True
         results.append(result)
     return results
@@ -102,7 +102,7 @@ def look(
         task = ViewTask(
             view_id=step.view_id,
             camera=c.overhead,
-            T_world_part=found,
+            T_world_part_expected=found,
             holder=(),
             panel_mm=table_corners(c.cell),
             lamps=build_lamps(c.cell, (lamp,)),

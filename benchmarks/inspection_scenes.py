@@ -197,7 +197,7 @@ class Station:
         return ViewTask(
             view_id=view_id,
             camera=self.layout.inspection,
-            T_world_part=T,
+            T_world_part_expected=T,
             holder=holder,
             panel_mm=panel_corners(self.cell, "station_backlight"),
             lamps=build_lamps(self.cell, lamps),
@@ -243,5 +243,5 @@ def judged_views(
         result = inspect_view(nominal.part, nominal.samples, task, pictures)
         # a pose that a lit picture speaks against is no measured hold
         if result.evaluated and not result.failures:
-            known, is_seen = np.linalg.inv(T) @ result.T_world_part, True
+            known, is_seen = np.linalg.inv(T) @ result.T_world_part_known, True
         yield result, pictures, task

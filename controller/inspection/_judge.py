@@ -333,11 +333,17 @@ def _is_on_lens(
     reach = max(SAME_PIXELS_PX, SAME_PIXELS_SHARE * float(np.hypot(x1 - x0, y1 - y0)))
     return any(
         other.kind.is_lit
-        and is_turned(view.T_world_part, other_view.T_world_part)
+        and _is_turned(view, other_view)
         and np.hypot(*np.subtract(finding.at_px, other.at_px)) <= reach
         and not _is_same_place(finding, other)
         for other_view, other in others
     )
+
+
+def _is_turned(view: ViewResult, other: ViewResult) -> bool:
+    """Return True if the part is turned between two evaluated views: another look."""
+    T, T_other = view.T_world_part_measured, other.T_world_part_measured
+    return T is not None and T_other is not None and is_turned(T, T_other)
 
 
 def _asked_mm(limits: InspectionLimits, find_mm: Mapping[str, float]) -> float:
@@ -369,7 +375,7 @@ def _is_argued_away(
     nearest = int(np.argmin(np.linalg.norm(samples.points_mm - finding.p_part_mm, axis=1)))
     looks = 0
     for other in views:
-        if not is_turned(view.T_world_part, other.T_world_part):
+        if not _is_turned(view, other):
             continue
         marks = [f for f in (*other.findings, *other.hints) if _is_same_place(finding, f)]
         for check in other.checks:
@@ -402,12 +408,12 @@ def _is_other_look(
         if view.view_id == other_view.view_id:
             return _turns_with_the_lamp(finding, other) or _is_no_good_part(view, finding, other)
         away = np.hypot(*np.subtract(finding.at_px, other.at_px))
-        is_other = is_turned(view.T_world_part, other_view.T_world_part)
+        is_other = _is_turned(view, other_view)
         return is_other and bool(away > SAME_PIXELS_PX)
     is_lit = finding.kind.is_lit and other.kind.is_lit
     if is_lit and max(_misfit(view, finding), _misfit(other_view, other)) > EVEN_MISFIT:
         return False  # the finish may cause the same in both views
-    if is_turned(view.T_world_part, other_view.T_world_part):
+    if _is_turned(view, other_view):
         return True
     least = SURE_AREA * limits.min_area_mm2
     is_both = finding.kind.is_lit != other.kind.is_lit

@@ -200,9 +200,9 @@ def moved(part: PosedPart, task: ViewTask, fit: PoseFit) -> tuple[float, float]:
     task : the view, with its expected pose
     fit : measured pose
     """
-    T_moved = fit.T_world_part @ inverse_pose(task.T_world_part)
+    T_moved = fit.T_world_part @ inverse_pose(task.T_world_part_expected)
     com = part.solid.centroid_mm[None]
-    off = transform(fit.T_world_part, com) - transform(task.T_world_part, com)
+    off = transform(fit.T_world_part, com) - transform(task.T_world_part_expected, com)
     return float(np.linalg.norm(off)), rotation_angle(T_moved[:3, :3])
 
 

@@ -103,7 +103,7 @@ def make_scene(task: ViewTask) -> ViewScene:
     scene = ViewScene(None, np.zeros((height, width), dtype=bool), inner > 0)
     if not task.holder:
         return scene
-    pixel_mm = task.camera.mm_per_px(task.T_world_part[:3, 3])
+    pixel_mm = task.camera.mm_per_px(task.T_world_part_expected[:3, 3])
     margin = margin_px(float(np.hypot(GRIPPER_MM, FINGER_MM)) / pixel_mm)
     scene = with_boxes(scene, task.holder, (margin,) * len(task.holder), pixel_mm)
     assert scene.holder is not None

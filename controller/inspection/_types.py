@@ -134,7 +134,7 @@ class ViewTask:
     ----------
     view_id : its name
     camera : the inspection camera
-    T_world_part : (4, 4) expected pose of the part
+    T_world_part_expected : (4, 4) expected pose of the part
     holder : boxes of the gripper and the arm that may be in the picture
     panel_mm : (4, 3) corners of the backlight panel behind the part, world
     lamps : lamps of the lit pictures
@@ -145,7 +145,7 @@ class ViewTask:
 
     view_id: str
     camera: Camera
-    T_world_part: FloatArray
+    T_world_part_expected: FloatArray
     holder: tuple[WorldBox, ...]
     panel_mm: FloatArray
     lamps: tuple[PointLamp, ...]
@@ -269,7 +269,8 @@ class ViewResult:
     Attributes
     ----------
     evaluated : False where a self-check failed; `reason` says which
-    T_world_part : (4, 4) measured pose (the expected one where not evaluated)
+    T_world_part_expected : (4, 4)
+    T_world_part_measured : (4, 4); None where not evaluated
     shift_mm, turn_rad : displacement from the expected to the measured pose
     residual_px : residual of the outline fit
     findings : differences from the CAD
@@ -288,7 +289,8 @@ class ViewResult:
     view_id: str
     evaluated: bool
     reason: str
-    T_world_part: FloatArray
+    T_world_part_expected: FloatArray
+    T_world_part_measured: FloatArray | None
     shift_mm: float
     turn_rad: float
     residual_px: float
@@ -301,6 +303,12 @@ class ViewResult:
     unjudged: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, dtype=np.uint8))
     hints: tuple[Finding, ...] = ()
     face_ids: Int32Array = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+
+    @property
+    def T_world_part_known(self) -> FloatArray:
+        """The measured pose (4, 4), else the expected one."""
+        T = self.T_world_part_measured
+        return self.T_world_part_expected if T is None else T
 
     @property
     def in_sight(self) -> BoolArray:

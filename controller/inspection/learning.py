@@ -110,7 +110,7 @@ class _Shown:
 
     part: int
     view: OutlinedView
-    T_world_part: FloatArray
+    T_world_part_measured: FloatArray
 
 
 def learn(
@@ -218,7 +218,7 @@ class _Lesson:
             for view in posed.outlined:
                 pose = posed.pose(view.view.task.view_id)
                 if isinstance(view, OutlinedView) and pose is not None and view.task.lamps:
-                    yield _Shown(number, view, pose.T_world_part)
+                    yield _Shown(number, view, pose.T_world_part_measured)
 
     def _view(self, group: Sequence[_Shown]) -> LearnedView | None:
         """Return a learned view, None where too few pictures of it can be used."""
@@ -302,7 +302,7 @@ def _alike(shown: Iterator[_Shown], middle: FloatArray) -> list[list[_Shown]]:
 def _between(one: _Shown, other: _Shown, middle: FloatArray) -> tuple[float, float]:
     """Return the distance [mm] and the turn [rad] between two poses, each before its camera."""
     a, b = one.view.task.camera, other.view.task.camera
-    return pose_gap(a, one.T_world_part, b, other.T_world_part, middle)
+    return pose_gap(a, one.T_world_part_measured, b, other.T_world_part_measured, middle)
 
 
 def _apart(shown: Sequence[_Shown], middle: FloatArray) -> FloatArray:

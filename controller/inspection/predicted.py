@@ -50,7 +50,7 @@ def predict_pictures(part: PosedPart, task: ViewTask) -> ViewPictures:
     ------
     ValueError : the part is out of the picture
     """
-    T, camera = task.T_world_part, task.camera
+    T, camera = task.T_world_part_expected, task.camera
     roi = view_roi(np.asarray(part.solid.mesh.vertices), T, camera, MARGIN_PX)
     if roi is None:
         raise ValueError(f"{task.view_id}: the part is out of the picture")

@@ -112,7 +112,7 @@ def posed_view(
     return PosedView(
         view.task,
         view.pictures,
-        pose.T_world_part,
+        pose.T_world_part_measured,
         pose.covariance,
         view.grasp,
         outlined.scene,

@@ -83,7 +83,8 @@ class NotEvaluated:
             view_id=self.view.task.view_id,
             evaluated=False,
             reason=self.reason,
-            T_world_part=self.view.task.T_world_part,
+            T_world_part_expected=self.view.task.T_world_part_expected,
+            T_world_part_measured=None,
             shift_mm=0.0,
             turn_rad=0.0,
             residual_px=float("inf"),
@@ -299,7 +300,8 @@ class ComparedView:
             view_id=task.view_id,
             evaluated=True,
             reason="",
-            T_world_part=fit.T_world_part,
+            T_world_part_expected=task.T_world_part_expected,
+            T_world_part_measured=fit.T_world_part,
             shift_mm=shift,
             turn_rad=turn,
             residual_px=fit.residual_px,
@@ -420,16 +422,16 @@ def _outline(
 def _as_fit(part: PosedPart, outlined: OutlinedView, pose: ViewPose) -> PoseFit | None:
     """Return a pose with its predicted outline, None where the part is out of the picture."""
     camera = outlined.task.camera
-    roi = view_roi(part.solid.mesh.vertices, pose.T_world_part, camera)
+    roi = view_roi(part.solid.mesh.vertices, pose.T_world_part_measured, camera)
     if roi is None:
         return None
     points = pose.rims.points
     mine = pose.judged
     return PoseFit(
-        T_world_part=pose.T_world_part,
+        T_world_part=pose.T_world_part_measured,
         residual_px=0.0 if pose.is_hidden else float(np.nanmedian(np.abs(pose.gap_px[mine]))),
         paired=pose.paired,
-        maps=render_maps(part.caster, pose.T_world_part, camera, roi),
+        maps=render_maps(part.caster, pose.T_world_part_measured, camera, roi),
         edge_px=points.pixels[mine],
         edge_normals=points.normals[mine],
         edge_points_mm=points.points_mm[mine],

@@ -315,6 +315,6 @@ def _found(
     if not first:
         return found
     held = first[0].task
-    p_mm = transform(held.T_world_part, part.solid.centroid_mm[None])[0]
+    p_mm = transform(held.T_world_part_expected, part.solid.centroid_mm[None])[0]
     station = station_at(held.camera, p_mm)
     return with_capability(found, station, build_accuracy(file.accuracy))

@@ -206,7 +206,7 @@ def _task(file: ViewSetFile, view: SetView, camera: Camera, limits: InspectionLi
     return ViewTask(
         view_id=view.id,
         camera=camera,
-        T_world_part=build_pose(view.T_world_part),
+        T_world_part_expected=build_pose(view.T_world_part),
         holder=tuple(
             WorldBox(build_pose(box.T), np.array(box.half_mm)) for box in view.gripper_boxes
         ),
@@ -223,7 +223,7 @@ def _require_in_front(tasks: Sequence[ViewTask], part: CompiledPart) -> None:
     """Raise ConfigError where a part, or a piece of it, is expected behind the camera."""
     vertices = np.asarray(part.solid.mesh.vertices, dtype=np.float64)
     for i, task in enumerate(tasks):
-        before = transform(task.T_world_part, vertices) - task.camera.position_mm
+        before = transform(task.T_world_part_expected, vertices) - task.camera.position_mm
         depth_mm = float((before @ task.camera.T_world_cam[:3, 2]).min())
         if depth_mm <= 0:
             raise ConfigError(
@@ -262,7 +262,10 @@ def _is_same_grasp(one: ViewTask, other: ViewTask) -> bool:
     """Return True if the holder's boxes have the same poses relative to the part in both views."""
     if len(one.holder) != len(other.holder):
         return False
-    to_one, to_other = inverse_pose(one.T_world_part), inverse_pose(other.T_world_part)
+    to_one, to_other = (
+        inverse_pose(one.T_world_part_expected),
+        inverse_pose(other.T_world_part_expected),
+    )
     for box, twin in zip(one.holder, other.holder, strict=True):
         T, T_twin = to_one @ box.T, to_other @ twin.T
         if np.linalg.norm(T[:3, 3] - T_twin[:3, 3]) > SAME_GRASP_MM:

@@ -120,7 +120,7 @@ def task(T: Array, holder: tuple[WorldBox, ...] | None = None, view_id: str = "v
     return ViewTask(
         view_id=view_id,
         camera=CAMERA,
-        T_world_part=T,
+        T_world_part_expected=T,
         holder=hand(T) if holder is None else holder,
         panel_mm=PANEL,
         lamps=LAMPS,

@@ -37,7 +37,7 @@ def task_of(part: PosedPart) -> inspecting.ViewTask:
     T[:3, :3] = [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]]
     T[:3, 3] = LAYOUT.station_mm - T[:3, :3] @ part.solid.centroid_mm
     return inspecting.ViewTask(
-        view_id="v", camera=LAYOUT.inspection, T_world_part=T, holder=(),
+        view_id="v", camera=LAYOUT.inspection, T_world_part_expected=T, holder=(),
         panel_mm=panel_corners(CELL, "station_backlight"), lamps=(),
         limits=inspecting.InspectionLimits(),
     )  # fmt: skip
@@ -60,7 +60,7 @@ def test_a_slip_along_or_about_the_pads_is_measured(
     part: PosedPart, along: float, across: float, turn_deg: float
 ) -> None:
     task = task_of(part)
-    T = task.T_world_part @ HAND @ slip(along, across, turn_deg) @ inverse_pose(HAND)
+    T = task.T_world_part_expected @ HAND @ slip(along, across, turn_deg) @ inverse_pose(HAND)
     samples = sample_surface(part.solid)
     found = find_hold(part, samples, task, HAND, picture(part, T, task))
     assert found is not None
@@ -85,7 +85,7 @@ def test_a_dark_picture_tells_nothing(part: PosedPart) -> None:
 def test_another_part_in_the_hand_is_not_taken_for_this_one(part: PosedPart) -> None:
     task = task_of(part)
     other = load_solid(ROOT / "recipes/parts/holder.stl")
-    T = task.T_world_part.copy()
+    T = task.T_world_part_expected.copy()
     T[:3, 3] = LAYOUT.station_mm - T[:3, :3] @ other.centroid_mm
     strange = picture(PosedPart(other), T, task)
     assert find_hold(part, sample_surface(part.solid), task, HAND, strange) is None

@@ -362,20 +362,23 @@ class PaperCompute:
 
     def _result(self, view: str) -> ViewResult:
         if view not in self.located:
-            return ViewResult(view, True, "", EYE, 0.0, 0.0, 0.0, (), mask(8, 9), np.zeros((0, 2)))
+            seen = mask(8, 9)
+            return ViewResult(view, True, "", EYE, EYE, 0.0, 0.0, 0.0, (), seen, np.zeros((0, 2)))
         name = re.sub(r"~\d+$", "", view)
         where = self.located[view]
         in_hand = where.evaluated
         return ViewResult(
             view_id=view, evaluated=in_hand, reason=where.reason,
-            T_world_part=where.T_world_part, shift_mm=0.0, turn_rad=0.0, residual_px=0.1,
+            T_world_part_expected=where.T_world_part,
+            T_world_part_measured=where.T_world_part if in_hand else None,
+            shift_mm=0.0, turn_rad=0.0, residual_px=0.1,
             findings=(), compared=self.by_view[name] if in_hand else mask(),
             outline_px=np.zeros((0, 2)),
         )  # fmt: skip
 
     async def inspect_on_table(self, view: str, T: Any, glowing: Any, lit: Any) -> ViewResult:
         self.shown.append(re.sub(r"~\d+$", "", view))
-        return ViewResult(view, True, "", T, 0.0, 0.0, 0.0, (), mask(8, 9), np.zeros((0, 2)))
+        return ViewResult(view, True, "", T, T, 0.0, 0.0, 0.0, (), mask(8, 9), np.zeros((0, 2)))
 
     async def identify(self, *args: object) -> tuple[int, ...]:
         return self.identified
@@ -998,7 +1001,7 @@ def test_without_a_plan_but_by_avoided_grasps_they_are_used_after_all(tmp_path: 
 def test_only_views_that_were_truly_compared_are_remembered() -> None:
     part = PartRecord(1)
     assert part.in_sight is None
-    good = ViewResult("a", True, "", EYE, 0, 0, 0, (), mask(1), np.zeros((0, 2)))
+    good = ViewResult("a", True, "", EYE, EYE, 0, 0, 0, (), mask(1), np.zeros((0, 2)))
     part.results = [
         good,
         replace(good, evaluated=False, compared=mask(5)),

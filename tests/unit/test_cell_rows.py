@@ -131,7 +131,7 @@ def test_a_row_cannot_be_changed_once_it_is_made(model: type[Body]) -> None:
 def viewed(compared: str, faces: str = "") -> ViewResult:
     """Return a view's result: one letter a sample, x for a compared one, and its face."""
     return ViewResult(
-        "V", True, "", np.eye(4), 0.0, 0.0, 0.0, (),
+        "V", True, "", np.eye(4), np.eye(4), 0.0, 0.0, 0.0, (),
         np.array([sign == "x" for sign in compared]), np.zeros((0, 2)),
         face_ids=np.array([int(sign) for sign in faces], dtype=np.int32),
     )  # fmt: skip

@@ -262,7 +262,7 @@ def test_where_the_gripper_may_keep_light_away_is_known_by_its_boxes() -> None:
         if look.lamp != "side":
             continue
         view = task[look.view_id]
-        start = points @ view.T_world_part[:3].T
+        start = points @ view.T_world_part_expected[:3].T
         way = start[:, None, :] + np.linspace(0.0, 1.0, 400)[:, None] * (side - start[:, None, :])
         clear_mm = np.full(len(start), np.inf)
         for box_ in view.holder:

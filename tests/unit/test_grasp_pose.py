@@ -73,8 +73,8 @@ def away(fit: GraspPose) -> list[Array]:
     centre = part().solid.centroid_mm[None]
     out = []
     for view, T_true in zip(fit.views, true_poses(), strict=True):
-        shift = transform(T_true, centre)[0] - transform(view.T_world_part, centre)[0]
-        R = T_true[:3, :3] @ view.T_world_part[:3, :3].T
+        shift = transform(T_true, centre)[0] - transform(view.T_world_part_measured, centre)[0]
+        R = T_true[:3, :3] @ view.T_world_part_measured[:3, :3].T
         turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
         out.append(np.concatenate([shift, turn]))
     return out

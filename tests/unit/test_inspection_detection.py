@@ -62,8 +62,8 @@ def lit(width_mm: float, where: NDArray[np.bool_], name: str = "ring", reason: s
 def view(*checks: Check, name: str = "v1", evaluated: bool = True) -> ViewResult:
     compared = np.logical_or.reduce([c.compared for c in checks])
     return ViewResult(
-        name, evaluated, "" if evaluated else "blurred", np.eye(4), 0.0, 0.0, 0.1, (), compared,
-        np.zeros((0, 2)), checks=checks,
+        name, evaluated, "" if evaluated else "blurred", np.eye(4), np.eye(4), 0.0, 0.0, 0.1,
+        (), compared, np.zeros((0, 2)), checks=checks,
     )  # fmt: skip
 
 

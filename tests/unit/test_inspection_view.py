@@ -109,10 +109,10 @@ def test_a_perfect_part_that_sits_a_little_askew_has_no_findings(view: str) -> N
     assert result.view_id == "v1"
     # across the view the pose is measured to hundredths, along it to tenths
     com = solid().centroid_mm[None]
-    off = transform(result.T_world_part, com)[0] - transform(T_true, com)[0]
+    off = transform(result.T_world_part_known, com)[0] - transform(T_true, com)[0]
     assert np.abs(off[[0, 2]]).max() < 0.03
     assert abs(off[1]) < 0.4
-    turn = result.T_world_part[:3, :3] @ T_true[:3, :3].T
+    turn = result.T_world_part_known[:3, :3] @ T_true[:3, :3].T
     assert np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))) < 0.15
     assert result.shift_mm == pytest.approx(np.linalg.norm(off + SLIP[0]), abs=0.1)
     assert result.turn_rad == pytest.approx(np.radians(SLIP[1]), abs=np.radians(0.15))
@@ -341,7 +341,11 @@ def test_what_is_burnt_out_is_not_compared_and_no_finding() -> None:
     result, burnt = exposed("side", 2.5)
     (check,) = (c for c in result.checks if c.name == "side")
     assert not [f for f in result.findings if f.lamp == "side"]
-    pixels = CAMERA.project(transform(result.T_world_part, samples().points_mm)).round().astype(int)
+    pixels = (
+        CAMERA.project(transform(result.T_world_part_known, samples().points_mm))
+        .round()
+        .astype(int)
+    )
     soft = cv2.blur(burnt, (9, 9))
     height, width = burnt.shape
     u, v = np.clip(pixels, 0, [width - 1, height - 1]).T
@@ -455,9 +459,9 @@ def test_the_measured_pose_can_stand_in_for_the_expected_one() -> None:
     T_true = moved(FRONT, *SLIP)
     pictures = photograph(perfect(), T_true, hand(FRONT))
     first = look(pictures)
-    again = inspect_view(part(), samples(), task(first.T_world_part, hand(FRONT)), pictures)
+    again = inspect_view(part(), samples(), task(first.T_world_part_known, hand(FRONT)), pictures)
     assert again.evaluated
-    step = inverse_pose(first.T_world_part) @ again.T_world_part
+    step = inverse_pose(first.T_world_part_known) @ again.T_world_part_known
     assert step[:3, 3] == pytest.approx([0, 0, 0], abs=0.3)
     assert again.shift_mm < first.shift_mm
 
@@ -488,7 +492,9 @@ def marked(lamp: str, size_mm: float, factor: float) -> ViewResult:
     """The right pictures with a spot on the front face, in one lamp's picture."""
     pictures = right_pictures()
     lit = pictures.lit[lamp].astype(float)
-    (at,) = CAMERA.project(transform(right_view().T_world_part, np.array([[-3.0, 10.0, 12.0]])))
+    (at,) = CAMERA.project(
+        transform(right_view().T_world_part_known, np.array([[-3.0, 10.0, 12.0]]))
+    )
     mm = CAMERA.mm_per_px(np.zeros(3))
     v, u = np.mgrid[0 : lit.shape[0], 0 : lit.shape[1]]
     inside = np.clip(0.5 * size_mm / mm + 0.5 - np.hypot(u - at[0], v - at[1]), 0, 1)
@@ -505,7 +511,9 @@ def test_a_pit_of_two_millimetres_a_third_off_is_found(lamp: str, factor: float)
     assert away_mm(pit, (-3, 10, 12)) < 1
     assert pit.size_mm == pytest.approx(2.0, rel=0.35)
     assert pit.outline_px is not None
-    (middle,) = CAMERA.project(transform(right_view().T_world_part, np.array([[-3.0, 10.0, 12.0]])))
+    (middle,) = CAMERA.project(
+        transform(right_view().T_world_part_known, np.array([[-3.0, 10.0, 12.0]]))
+    )
     away = np.linalg.norm(pit.outline_px - middle, axis=1) * CAMERA.mm_per_px(np.zeros(3))
     assert away.mean() == pytest.approx(1.0, rel=0.4)  # the pit's radius
     assert np.sign(pit.contrast) == np.sign(factor - 1)

@@ -182,7 +182,7 @@ def test_a_part_judged_in_pieces_comes_to_the_same_as_one_judged_at_once() -> No
     assert kept.count == before  # nothing that is kept was left for the end, edges neither
     assert (pieces.verdict, pieces.reasons) == (whole.verdict, whole.reasons)
     for one, other in zip(pieces.views, whole.views, strict=True):
-        assert (one.T_world_part == other.T_world_part).all()
+        assert (one.T_world_part_measured == other.T_world_part_measured).all()
         assert (one.compared == other.compared).all()
     assert [f.area_mm2 for f in findings(pieces)] == [f.area_mm2 for f in findings(whole)]
 

@@ -56,17 +56,17 @@ def find_hold(
     ranked: list[tuple[float, int, FloatArray]] = []
     grid = itertools.product(ALONG_MM, ACROSS_MM, TURN_RAD)
     for number, (along, across, turn) in enumerate(grid):
-        T = task.T_world_part @ T_part_tcp @ _move(along, across, turn)
+        T = task.T_world_part_expected @ T_part_tcp @ _move(along, across, turn)
         T = T @ inverse_pose(T_part_tcp)
         overlap = _overlap(_shadow(part.caster, T, task, roi) & ~hidden, dark & ~hidden)
         if overlap >= MIN_OVERLAP:
             ranked.append((-overlap, number, T))
     for _, _, T in sorted(ranked, key=lambda item: item[:2])[:FITTED_COUNT]:
-        near = replace(task, T_world_part=T, is_hold_measured=False)
+        near = replace(task, T_world_part_expected=T, is_hold_measured=False)
         pictures = inspecting.ViewPictures(backlit=backlit, lit={})
         result = inspecting.inspect_view(part, samples, near, pictures)
-        if result.evaluated:
-            return result.T_world_part
+        if result.T_world_part_measured is not None:
+            return result.T_world_part_measured
     return None
 
 

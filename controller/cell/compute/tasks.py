@@ -33,7 +33,7 @@ def held_task(
     return inspecting.ViewTask(
         view_id=view_id,
         camera=c.inspection,
-        T_world_part=T_world_part,
+        T_world_part_expected=T_world_part,
         holder=holder,
         panel_mm=panel_corners(c.cell, STATION_PANEL),
         lamps=build_lamps(c.cell, tuple(lamps)),
@@ -55,7 +55,7 @@ def table_task(
     return inspecting.ViewTask(
         view_id=view_id,
         camera=c.overhead,
-        T_world_part=T_world_part,
+        T_world_part_expected=T_world_part,
         holder=(),
         panel_mm=table_corners(c.cell),
         lamps=build_lamps(c.cell, tuple(lamps)),

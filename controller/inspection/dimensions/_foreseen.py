@@ -85,7 +85,7 @@ def _steps(
     -------
     is_step : (n, k - 1)
     """
-    camera, T = view.task.camera, view.T_world_part
+    camera, T = view.task.camera, view.T_world_part_measured
     at = rays.pixels[:, None] + offsets_px[None, :, None] * rays.normals[:, None]
     shape = at.shape[:2]
     T_part_world = inverse_pose(T)

@@ -201,7 +201,7 @@ def estimate(
     characteristic = sought.characteristic
     if only is not None:
         fits = fits[only : only + 1]
-    T = view.T_world_part
+    T = view.T_world_part_measured
     eye = transform(inverse_pose(T), view.task.camera.position_mm[None])[0]
     middle = sought.middle_mm(only or 0)
     towards = (eye - middle) / np.linalg.norm(eye - middle)

@@ -89,7 +89,7 @@ def predict(part: PosedPart, view: PosedView, features: Sequence[Feature]) -> Pr
     view : the view, with its pose
     features : features of the part
     """
-    camera, T = view.task.camera, view.T_world_part
+    camera, T = view.task.camera, view.T_world_part_measured
     pivot = transform(T, part.solid.centroid_mm[None])[0]
     pixel_mm = camera.mm_per_px(pivot)
     curves, feature, curve, counts = [], [], [], []
@@ -146,7 +146,7 @@ def fit_features(
     again = _placed_again(part, prediction, moved, index)
     found = measure_edges(picture, again.pixels, again.normals, NEAR_PX, noise, rising)
     again = replace(
-        with_rotation(again, view.T_world_part, prediction.pivot_mm),
+        with_rotation(again, view.T_world_part_measured, prediction.pivot_mm),
         rising=chosen.rising,
         wall_px=chosen.wall_px,
         # Under a lamp the edge itself is visible.
@@ -297,7 +297,7 @@ def _placed_again(
     view = prediction.view
     if not curves:
         return prediction.rays.chosen(index)
-    return place_rays(curves, view.T_world_part, view.task.camera)
+    return place_rays(curves, view.T_world_part_measured, view.task.camera)
 
 
 def _solved(

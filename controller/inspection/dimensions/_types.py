@@ -17,7 +17,7 @@ class PosedView:
     Attributes
     ----------
     task, pictures : the view, and its pictures
-    T_world_part : (4, 4) measured pose
+    T_world_part_measured : (4, 4)
     covariance : (6, 6) of the centre of mass's position, world [mm], and of the rotation vector
         about it, world [rad]
     grasp : number of the grasp; views with the same number share the error of their pose
@@ -28,7 +28,7 @@ class PosedView:
 
     task: ViewTask
     pictures: ViewPictures
-    T_world_part: FloatArray
+    T_world_part_measured: FloatArray
     covariance: FloatArray
     grasp: int = 0
     scene: ViewScene | None = None

@@ -100,7 +100,7 @@ def rise_by_light(part: PosedPart, bore: BlindBore, view: PosedView, lamp: str) 
     source = next((one for one in view.task.lamps if one.name == lamp), None)
     if source is None or lamp not in view.pictures.lit:
         return None
-    T_part_world = inverse_pose(view.T_world_part)
+    T_part_world = inverse_pose(view.T_world_part_measured)
     axes = _axes(bore.axis)
     eye = (transform(T_part_world, view.task.camera.position_mm[None])[0] - bore.mouth_mm) @ axes.T
     sources = (transform(T_part_world, _points(source)) - bore.mouth_mm) @ axes.T
@@ -180,7 +180,7 @@ def _patch(
 ) -> _Patch | None:
     """Return the pixels about a mouth; None if they are few, hidden or unevenly lit."""
     camera: Camera = view.task.camera
-    T = view.T_world_part
+    T = view.T_world_part_measured
     centre = transform(T, bore.mouth_mm[None])
     middle = camera.project(centre)[0]
     radius_px = bore.radius_mm / camera.mm_per_px(centre[0])
@@ -215,7 +215,7 @@ def _is_open(
 ) -> bool:
     """Return True if nothing lies between the mouth and the lamp, or the camera."""
     eye = (
-        transform(inverse_pose(view.T_world_part), view.task.camera.position_mm[None])[0]
+        transform(inverse_pose(view.T_world_part_measured), view.task.camera.position_mm[None])[0]
         - bore.mouth_mm
     ) @ axes.T
     ends = np.vstack([sources[:: max(len(sources) // 12, 1)], eye])
@@ -230,8 +230,8 @@ def _is_open(
     holder = view.scene.holder if view.scene is not None else None
     if holder is None:
         return True
-    R = view.T_world_part[:3, :3]
-    return not holder.blocked(transform(view.T_world_part, p_mm), way @ R.T, 1.0).any()
+    R = view.T_world_part_measured[:3, :3]
+    return not holder.blocked(transform(view.T_world_part_measured, p_mm), way @ R.T, 1.0).any()
 
 
 def _fit(

@@ -109,7 +109,7 @@ def look_at_edges(
     allowed_mm : (f, 2) largest growth and shift of each face of a good part
     settings : prior uncertainties
     """
-    camera, T = view.task.camera, view.T_world_part
+    camera, T = view.task.camera, view.T_world_part_measured
     scene = view.scene if view.scene is not None else make_scene(view.task)
     rays = place_rays(edges.curves, T, camera)
     rays = with_visibility(rays, edges.curves, part, T, camera, scene)
@@ -165,7 +165,7 @@ def _in_gripper_shadow(
     out = np.zeros(len(edges.points_mm), dtype=bool)
     if lamp == BACKLIT or gripper is None:
         return out
-    points = transform(view.T_world_part, edges.points_mm)
+    points = transform(view.T_world_part_measured, edges.points_mm)
     for source in lamp_points(next(one for one in view.task.lamps if one.name == lamp)):
         # Objects behind the lamp block none of its light.
         out |= gripper.blocked(points, source - points, 1.0)

@@ -96,7 +96,7 @@ def find_evidence(
         part.solid, recesses, edges, looks, narrow, floors, limits.smallest_defect_mm
     )
     runs = find_displaced(edges, looks, pixel_mm, GRAINS * limits.dust_mm, allowances, settings)
-    poses = {one.task.view_id: one.T_world_part for one in views}
+    poses = {one.task.view_id: one.T_world_part_measured for one in views}
     is_refuted = refuted(edges, runs, looks, poses, pixel_mm, allowances, settings)
     damage = find_damage(edges, runs, poses, is_refuted)
     missing = missing_edges(part.solid, edges, looks, limits.smallest_defect_mm)
@@ -158,7 +158,7 @@ class _Counted:
 
 def closest_pixel_mm(views: Sequence[PosedView]) -> float:
     """Return the pixel size at the part in the closest of one or more views."""
-    return min(v.task.camera.mm_per_px(v.T_world_part[:3, 3]) for v in views)
+    return min(v.task.camera.mm_per_px(v.T_world_part_measured[:3, 3]) for v in views)
 
 
 def _floors(
@@ -216,7 +216,7 @@ def _best_cosine(solid: Solid, samples: SurfaceSamples, views: Sequence[PosedVie
     """Return the largest cosine of incidence over all views at each face's middle (f,)."""
     out = np.zeros(len(solid.faces))
     for one in views:
-        T = one.T_world_part
+        T = one.T_world_part_measured
         towards = one.task.camera.position_mm - transform(T, samples.points_mm)
         normals = samples.normals @ T[:3, :3].T
         cosine = inner(towards, normals) / lengths(towards)

@@ -106,7 +106,7 @@ def _placed(part: PosedPart, views: Sequence[OutlinedView], state: FloatArray) -
     """Return the views with their poses: the expected ones, moved by grasp and view."""
     centre = part.solid.centroid_mm
     return [
-        _Placed(view, view.task.T_world_part @ twist(x[3:], x[:3], centre))
+        _Placed(view, view.task.T_world_part_expected @ twist(x[3:], x[:3], centre))
         for view, x in zip(views, state[0] + state[1:], strict=True)
     ]
 
@@ -284,7 +284,7 @@ def _hidden(
     for view in views:
         if view.task.view_id in known:
             continue
-        T = view.task.T_world_part @ twist(x[3:6], x[:3], part.solid.centroid_mm)
+        T = view.task.T_world_part_expected @ twist(x[3:6], x[:3], part.solid.centroid_mm)
         placed = _Placed(view, T)
         one = _predict(part, placed, 0, 1)
         points = one.rims.points
@@ -295,7 +295,7 @@ def _hidden(
         out.append(
             ViewPose(
                 view_id=view.task.view_id,
-                T_world_part=T,
+                T_world_part_measured=T,
                 covariance=_in_world(T, covariance[:6, :6] + own),
                 deviation_mm=0.0,
                 deviation_rad=0.0,
@@ -490,7 +490,7 @@ def _view_pose(
     both[:, at] += np.eye(6)
     return ViewPose(
         view_id=placed.view.task.view_id,
-        T_world_part=T,
+        T_world_part_measured=T,
         covariance=_in_world(T, both @ covariance @ both.T),
         deviation_mm=float(np.linalg.norm(x[at][:3])),
         deviation_rad=float(np.linalg.norm(x[at][3:])),

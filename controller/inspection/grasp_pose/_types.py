@@ -57,7 +57,8 @@ class OutlinedView:
 
     def turned(self, T_part_turned: FloatArray) -> "OutlinedView":
         """Return the view with the part expected at a turn (4, 4) from its pose."""
-        task = replace(self.task, T_world_part=self.task.T_world_part @ T_part_turned)
+        T = self.task.T_world_part_expected @ T_part_turned
+        task = replace(self.task, T_world_part_expected=T)
         return replace(self, view=replace(self.view, task=task))
 
 
@@ -68,7 +69,7 @@ class ViewPose:
     Attributes
     ----------
     view_id : name of the view
-    T_world_part : (4, 4)
+    T_world_part_measured : (4, 4)
     covariance : (6, 6) of the centre of mass's position, world [mm], and of the rotation vector
         about it, world [rad]
     deviation_mm, deviation_rad : deviation from the pose of the grasp in this view
@@ -88,7 +89,7 @@ class ViewPose:
     """
 
     view_id: str
-    T_world_part: FloatArray
+    T_world_part_measured: FloatArray
     covariance: FloatArray
     deviation_mm: float
     deviation_rad: float

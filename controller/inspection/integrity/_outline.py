@@ -109,7 +109,7 @@ def compare_outline(
         tree = cKDTree(points.points_mm[near])
         # A chip of the smallest size about such a point extends well across the outline.
         reach_mm = smallest_mm / 4
-        placed = transform(pose.T_world_part, samples.points_mm)
+        placed = transform(pose.T_world_part_measured, samples.points_mm)
         far, _ = tree.query(placed, distance_upper_bound=np.nextafter(reach_mm, np.inf))
         compared |= far <= reach_mm
     return OutlineResult(findings, Check(OUTLINE, "", compared, size_mm, CHIP_PX * look.mm))
@@ -131,7 +131,7 @@ class _Look:
         self.part, self.pose, self.backlit, self.task = part, pose, backlit, task
         self.maps = maps
         self.points = pose.rims.points
-        centre = transform(pose.T_world_part, part.solid.centroid_mm[None])[0]
+        centre = transform(pose.T_world_part_measured, part.solid.centroid_mm[None])[0]
         self.mm = task.camera.mm_per_px(centre)
         self.step_px = self.points.step_mm / self.mm
         self.judged = backlit.outline.is_judged(self.points.pixels)
@@ -224,8 +224,8 @@ class _Look:
             near = np.flatnonzero(inner & np.isfinite(self.off_px))
             window = np.concatenate([low, high])
             shift = blur_rounds_px(
-                self.part, self.pose.T_world_part, self.task.camera, window, self.backlit.width_px,
-                at[near], normals[near],
+                self.part, self.pose.T_world_part_measured, self.task.camera, window,
+                self.backlit.width_px, at[near], normals[near],
             )  # fmt: skip
             self.off_px[near] -= np.nan_to_num(shift)
 
@@ -253,7 +253,7 @@ class _Look:
         at = self.points.pixels[run.points]
         deepest = run.points[np.argmax(np.abs(self.off_px[run.points]))]
         low, high = at.min(axis=0), at.max(axis=0)
-        T_part_world = inverse_pose(self.pose.T_world_part)
+        T_part_world = inverse_pose(self.pose.T_world_part_measured)
         middle = np.median(self.points.points_mm[run.points], axis=0)
         nearest = np.argmin(np.linalg.norm(self.points.points_mm[run.points] - middle, axis=1))
         chosen = run.points[nearest] if kind is not FindingKind.CHIP else deepest
@@ -320,7 +320,7 @@ class _Look:
 
 
 def _areas(look: _Look, maps: ViewMaps) -> list[Finding]:
-    task, T = look.task, look.pose.T_world_part
+    task, T = look.task, look.pose.T_world_part_measured
     x0, y0 = max(maps.roi[0] - MARGIN_PX, 0), max(maps.roi[1] - MARGIN_PX, 0)
     x1 = min(maps.roi[2] + MARGIN_PX, task.camera.size_px[0])
     y1 = min(maps.roi[3] + MARGIN_PX, task.camera.size_px[1])

@@ -106,7 +106,7 @@ def view_row(
         view=r.view_id,
         evaluated=r.evaluated,
         reason=r.reason,
-        T_world_part=r.T_world_part.tolist(),
+        T_world_part=r.T_world_part_known.tolist(),
         shift_mm=round(r.shift_mm, 3),
         turn_deg=round(float(np.degrees(r.turn_rad)), 3),
         residual_px=round(r.residual_px, 3) if np.isfinite(r.residual_px) else None,

@@ -148,7 +148,7 @@ class Views:
             found = await asyncio.shield(shown.located)
         else:
             result = await asyncio.shield(shown.task)
-            found = Located(result.evaluated, result.reason, result.T_world_part)
+            found = Located(result.evaluated, result.reason, result.T_world_part_known)
         part.unlearned.remove(shown)
         return shown, found
 
