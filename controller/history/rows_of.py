@@ -12,8 +12,9 @@ from sqlalchemy import Table
 from controller.cell.alarms import ALARMS as CATALOGUE
 from controller.cell.custody import Custody
 from controller.cell.journal import rows
+from controller.cell.journal.rows import CharacteristicFields
 from controller.results import JudgedPart, RunRecord, judged_parts
-from controller.results.run import CharacteristicReport, LogEntry
+from controller.results.run import LogEntry
 
 from .tables import (
     FINDING_FACES,
@@ -156,7 +157,7 @@ def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry])
         {
             "ordinal": f.number,
             "kind": f.kind,
-            "view": f.view_id,
+            "view": f.view,
             "lamp": f.lamp,
             "size_mm": f.size_mm,
             "area_mm2": f.area_mm2,
@@ -166,8 +167,8 @@ def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry])
         }
         for f in part.findings
     ]
-    labels = {face.face_id: face.label for face in (verdict.faces if verdict else ())}
-    on = [(f.number, face) for f in part.findings for face in f.face_ids]
+    labels = {face.face: face.label for face in (verdict.faces if verdict else ())}
+    on = [(f.number, face) for f in part.findings for face in f.faces]
     found.of_part[FINDING_FACES] = [
         {
             "ordinal": i,
@@ -215,7 +216,7 @@ def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry])
     return found
 
 
-def _characteristic(found: PartRows, recipe: str, c: CharacteristicReport) -> str:
+def _characteristic(found: PartRows, recipe: str, c: CharacteristicFields) -> str:
     values: Values = {
         "recipe": recipe,
         "id": c.id,

@@ -14,6 +14,7 @@ import shapely
 from controller.cad import Solid
 from controller.cad.compiled import compile_solid, load_part
 from controller.cad.views import line_view
+from controller.cell.journal.rows import CharacteristicFields
 from controller.cell.services.records import measured_row
 from controller.inspection import Verdict
 from controller.inspection.characteristics import Measured, derive
@@ -29,7 +30,7 @@ from controller.results.report.signed.balloons import (
     balloon_drawing,
 )
 from controller.results.report.signed.leaders import GAP_MM, PITCH_MM, Ring, arrange
-from controller.results.run import CharacteristicReport, PartFold
+from controller.results.run import PartFold
 from tests.data_files import part_file
 from tests.unit import judged_bench as bench
 
@@ -37,7 +38,11 @@ from tests.unit import judged_bench as bench
 PARTS = ("featuretype.stl", "flange_xy.stl", "holder.stl", "angle_block.stl", "nist_ftc06.stl")
 
 
-def reports_of(solid: Solid) -> tuple[CharacteristicReport, ...]:
+def changed(one: CharacteristicFields, **values: object) -> CharacteristicFields:
+    return one.model_copy(update=values)
+
+
+def reports_of(solid: Solid) -> tuple[CharacteristicFields, ...]:
     """Return all that is asked of a part without a recipe, as a report of a run has it."""
     made = [
         Measured(c, None, None, Verdict.NOT_EVALUATED, (), "no picture")
@@ -91,13 +96,13 @@ def solid() -> Solid:
 
 
 @pytest.fixture(scope="module", params=PARTS)
-def drawn(request: pytest.FixtureRequest) -> tuple[Solid, tuple[CharacteristicReport, ...]]:
+def drawn(request: pytest.FixtureRequest) -> tuple[Solid, tuple[CharacteristicFields, ...]]:
     part = load_part(part_file(request.param)).solid
     return part, reports_of(part)
 
 
 def test_no_leaders_of_real_parts_cross_and_all_balloons_are_on_the_paper(
-    drawn: tuple[Solid, tuple[CharacteristicReport, ...]],
+    drawn: tuple[Solid, tuple[CharacteristicFields, ...]],
 ) -> None:
     part, reports = drawn
     drawing = balloon_drawing(part, reports)
@@ -116,7 +121,7 @@ def test_no_leaders_of_real_parts_cross_and_all_balloons_are_on_the_paper(
 
 
 def test_no_leader_runs_through_the_balloon_of_another(
-    drawn: tuple[Solid, tuple[CharacteristicReport, ...]],
+    drawn: tuple[Solid, tuple[CharacteristicFields, ...]],
 ) -> None:
     drawing = balloon_drawing(*drawn)
     through = [
@@ -160,8 +165,8 @@ def test_leaders_to_random_shapes_never_cross(seed: int) -> None:
 def test_balloons_point_at_what_they_number(solid: Solid) -> None:
     x, y, z = solid.centroid_mm
     hole, other = bench_reports()[0], bench_reports()[5]
-    hole = replace(hole, anchors_mm=((x + 10, y + 5, z),), axis=(0.0, 0.0, 1.0))
-    other = replace(other, kind="diameter", anchors_mm=((x - 7, y, z + 3),), axis=(0.0, -1.0, 0.0))
+    hole = changed(hole, anchors_mm=((x + 10, y + 5, z),), axis=(0.0, 0.0, 1.0))
+    other = changed(other, kind="diameter", anchors_mm=((x - 7, y, z + 3),), axis=(0.0, -1.0, 0.0))
     drawing = balloon_drawing(solid, [hole, other])
     sides = {side.words: side for side in drawing.sides}
     assert set(sides) == {"from +z", "from -y"}
@@ -176,7 +181,7 @@ def test_balloons_point_at_what_they_number(solid: Solid) -> None:
 
 def test_a_distance_is_drawn_along_its_axis_at_its_true_length(solid: Solid) -> None:
     x, y, z = solid.centroid_mm
-    one = replace(
+    one = changed(
         bench_reports()[2],
         anchors_mm=((x - 6, y + 9, z), (x + 6, y - 4, z + 2)),
         axis=(1.0, 0.0, 0.0),
@@ -196,13 +201,13 @@ def test_a_distance_is_drawn_from_the_half_of_the_part_that_it_is_in(
     low, high = solid.mesh.bounds
     x, y, z = (low + high) / 2
     depth_mm = 0.3 * (high - low)[2]
-    one = replace(
+    one = changed(
         bench_reports()[2],
         anchors_mm=((x - 6, y, z + up * depth_mm), (x + 6, y, z + up * depth_mm)),
         axis=(1.0, 0.0, 0.0),
         rim_radius_mm=None,
     )
-    hole = replace(bench_reports()[0], balloon=9, anchors_mm=((x, y, z),), axis=(0.0, 0.0, up))
+    hole = changed(bench_reports()[0], balloon=9, anchors_mm=((x, y, z),), axis=(0.0, 0.0, up))
     drawing = balloon_drawing(solid, [one, hole])
     assert [side.words for side in drawing.sides] == [words]
 
@@ -211,7 +216,7 @@ def test_many_balloons_in_one_place_do_not_cover_each_other(solid: Solid) -> Non
     x, y, z = solid.centroid_mm
     one = bench_reports()[0]
     many = [
-        replace(one, id=f"h{i}", balloon=i, anchors_mm=((x + i % 3, y + i % 5, z + i),))
+        changed(one, id=f"h{i}", balloon=i, anchors_mm=((x + i % 3, y + i % 5, z + i),))
         for i in range(1, 31)
     ]
     drawing = balloon_drawing(solid, many)
@@ -219,16 +224,16 @@ def test_many_balloons_in_one_place_do_not_cover_each_other(solid: Solid) -> Non
     assert leaders_cross(drawing) == 0
 
 
-def crowd(solid: Solid, count: int) -> list[CharacteristicReport]:
+def crowd(solid: Solid, count: int) -> list[CharacteristicFields]:
     """Return small holes in the middle of a side, and a few at its border."""
     x, y, z = solid.centroid_mm
     width_mm, *_ = np.ptp(solid.mesh.bounds, axis=0)
-    one = replace(bench_reports()[0], axis=(0.0, 1.0, 0.0), rim_radius_mm=0.01 * width_mm)
+    one = changed(bench_reports()[0], axis=(0.0, 1.0, 0.0), rim_radius_mm=0.01 * width_mm)
     turns = 2 * np.pi * np.arange(count) / count
     at = [(0.04 * width_mm * np.cos(t), 0.04 * width_mm * np.sin(t)) for t in turns]
     at += [(sign * 0.45 * width_mm, 0.0) for sign in (-1, 1)]
     return [
-        replace(one, id=f"h{i}", balloon=i, anchors_mm=((x + dx, y, z + dz),))
+        changed(one, id=f"h{i}", balloon=i, anchors_mm=((x + dx, y, z + dz),))
         for i, (dx, dz) in enumerate(at, start=1)
     ]
 
@@ -257,7 +262,7 @@ def test_a_few_long_leaders_are_no_crowd(solid: Solid) -> None:
 
 
 def test_details_make_sides_little_smaller_and_do_not_overlap(
-    drawn: tuple[Solid, tuple[CharacteristicReport, ...]], monkeypatch: pytest.MonkeyPatch
+    drawn: tuple[Solid, tuple[CharacteristicFields, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawing = balloon_drawing(*drawn)
     for side in drawing.sides:
@@ -282,19 +287,19 @@ def test_details_of_several_parts_are_cut_by_their_own_circle(tmp_path: Path, so
 
 
 def test_what_no_side_shows_is_named(solid: Solid) -> None:
-    slanted = replace(bench_reports()[0], axis=tuple(np.ones(3) / np.sqrt(3)))
+    slanted = changed(bench_reports()[0], axis=tuple(np.ones(3) / np.sqrt(3)))
     assert balloon_drawing(solid, [slanted]).left_out == (1,)
 
 
 def test_what_is_measured_at_one_place_hangs_on_one_leader(solid: Solid) -> None:
     x, y, z = solid.centroid_mm
-    one = replace(bench_reports()[0], anchors_mm=((x + 9, y, z),), axis=(0.0, 0.0, 1.0))
-    drawing = balloon_drawing(solid, [one, replace(one, id="b", balloon=2)])
+    one = changed(bench_reports()[0], anchors_mm=((x + 9, y, z),), axis=(0.0, 0.0, 1.0))
+    drawing = balloon_drawing(solid, [one, changed(one, id="b", balloon=2)])
     (callout,) = [c for side in drawing.sides for c in side.callouts]
     assert [b.number for b in callout.balloons] == [1, 2]
 
 
-def bench_reports() -> tuple[CharacteristicReport, ...]:
+def bench_reports() -> tuple[CharacteristicFields, ...]:
     fold = PartFold(1)
     fold.take(measured_row(bench.all_kinds()))
     return fold.characteristics

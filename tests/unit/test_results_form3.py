@@ -61,7 +61,9 @@ def test_results_are_values_and_what_was_not_measured_is_said(tmp_path: Path) ->
 def test_critical_is_a_designator(tmp_path: Path) -> None:
     judged = bench.judged(tmp_path)
     first, *rest = judged.part.characteristics
-    part = replace(judged.part, characteristics=(replace(first, is_critical=True), *rest))
+    part = replace(
+        judged.part, characteristics=(first.model_copy(update={"is_critical": True}), *rest)
+    )
     rows = make_form(replace(judged, part=part), "").rows
     assert [row.designator for row in rows[:2]] == ["critical", ""]
 

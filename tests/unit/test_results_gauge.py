@@ -15,13 +15,13 @@ import view_sets
 from scipy import stats
 
 from controller.cell.batch import Papers
+from controller.cell.journal.rows import CharacteristicFields
 from controller.cell.services.records import measured_row
 from controller.cli import main
 from controller.config.view_set import load_view_set
 from controller.inspection import Verdict
 from controller.inspection.characteristics import CharacteristicKind
 from controller.results.gauge import Reading, Reference, said_of_all, study_readings
-from controller.results.run import CharacteristicReport
 from controller.results.statistics import gauge_study, nested_study
 from controller.stored import repeated_sets
 from tests.unit import judged_bench as bench
@@ -121,11 +121,21 @@ def test_a_balanced_study_agrees_with_the_crossed_one_on_repeats() -> None:
 # --- studies ----------------------------------------------------------------------------------
 
 
-def report(value: float | None, nominal: float = 8.0, half: float = 0.2) -> CharacteristicReport:
-    return CharacteristicReport(
-        BORE, 1, "diameter", "bore", "mm", nominal, nominal - half, nominal + half, "ISO 2768-m",
-        (1,), False, value, None if value is None else 0.02, "pass", (), "",
-    )  # fmt: skip
+def report(value: float | None, nominal: float = 8.0, half: float = 0.2) -> CharacteristicFields:
+    return CharacteristicFields(
+        id=BORE,
+        balloon=1,
+        kind="diameter",
+        label="bore",
+        nominal=nominal,
+        lower=nominal - half,
+        upper=nominal + half,
+        source="ISO 2768-m",
+        faces=(1,),
+        measured=value,
+        U=None if value is None else 0.02,
+        verdict="pass",
+    )
 
 
 def readings(values: list[float], groups: list[tuple[int, int, int]]) -> list[Reading]:

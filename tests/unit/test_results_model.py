@@ -72,7 +72,7 @@ def test_a_run_that_passed_is_read_whole(tmp_path: Path) -> None:
     assert [(s.forecast_s, s.actual_s) for s in part.steps] == [
         (9.0, 9.5), (4.0, 4.2), (4.0, 6.5), (11.0, 12.25),
     ]  # fmt: skip
-    assert [v.view_id for v in part.views] == ["G1-V0", "G1-V3"]
+    assert [v.view for v in part.views] == ["G1-V0", "G1-V3"]
     assert all(v.evaluated for v in part.views)
     assert part.views[0].shift_mm == 0.73
     assert part.views[0].turn_deg == 0.41
@@ -85,7 +85,7 @@ def test_a_run_that_passed_is_read_whole(tmp_path: Path) -> None:
 def test_findings_are_numbered_over_all_views_of_a_part(tmp_path: Path) -> None:
     bad_run(tmp_path)
     (part,) = load_run(tmp_path).parts
-    assert [(f.number, f.view_id, f.kind, f.lamp) for f in part.findings] == [
+    assert [(f.number, f.view, f.kind, f.lamp) for f in part.findings] == [
         (1, "G1-V0", "missing material", "backlit"),
         (2, "G1-V0", "surface differs", "station_ring"),
     ]

@@ -16,6 +16,7 @@ import stored_run
 from controller.cad import Solid
 from controller.cad.compiled import load_part
 from controller.cell.batch import Papers
+from controller.cell.journal.rows import CharacteristicFields, FaceJudged
 from controller.cell.services.records import measured_row
 from controller.cli import main
 from controller.inspection import Detection, Verdict
@@ -25,7 +26,7 @@ from controller.results.report.html import PART_BYTES, render_parts
 from controller.results.report.signed import MAX_LOOKS
 from controller.results.report.signed.covering import COLOURS, coverage_sides
 from controller.results.report.signed.table import briefly, rows_of
-from controller.results.run import CharacteristicReport, FaceReport, PartFold
+from controller.results.run import PartFold
 from tests.data_files import part_file
 from tests.unit import judged_bench as bench
 from tests.unit.results_bench import RunWriter, sighting
@@ -37,7 +38,7 @@ def solid() -> Solid:
     return load_part(part_file("flange_xy.stl")).solid
 
 
-def reports(tmp_path: Path) -> tuple[CharacteristicReport, ...]:
+def reports(tmp_path: Path) -> tuple[CharacteristicFields, ...]:
     return bench.judged(tmp_path).part.characteristics
 
 
@@ -164,8 +165,19 @@ def decoded(uri: str) -> np.ndarray:
     return np.asarray(image, dtype=float)
 
 
-def faces_of(solid: Solid, verdict: str, share: float) -> list[FaceReport]:
-    return [FaceReport(i, f"F{i}", 1.0, share, verdict, (), "") for i in range(len(solid.faces))]
+def faces_of(solid: Solid, verdict: str, share: float) -> list[FaceJudged]:
+    return [
+        FaceJudged(
+            face=i,
+            label=f"F{i}",
+            area_mm2=1.0,
+            compared_fraction=share,
+            verdict=verdict,
+            views=(),
+            reason="",
+        )
+        for i in range(len(solid.faces))
+    ]
 
 
 @pytest.mark.parametrize("verdict", ["pass", "fail"])
@@ -259,7 +271,7 @@ def test_a_calibration_without_a_date_is_called_so(tmp_path: Path) -> None:
     assert "no date in the cell file" in Page(render_parts([judged])).text
 
 
-def many(count: int, source: str = "ISO 2768-m") -> tuple[CharacteristicReport, ...]:
+def many(count: int, source: str = "ISO 2768-m") -> tuple[CharacteristicFields, ...]:
     """Return bores: the seventh failed, every tenth was not measured."""
     kind = CharacteristicKind.DIAMETER
     made = []
@@ -272,7 +284,7 @@ def many(count: int, source: str = "ISO 2768-m") -> tuple[CharacteristicReport, 
         )
     fold = PartFold(1)
     fold.take(measured_row(made))
-    return tuple(replace(c, source=source) for c in fold.characteristics)
+    return tuple(c.model_copy(update={"source": source}) for c in fold.characteristics)
 
 
 def test_the_journal_keeps_the_points_of_those_looks_that_a_report_draws() -> None:

@@ -61,7 +61,7 @@ def shown(runs_dir: Path, run: str, number: int) -> Shown | None:
         return None
     found = [("", lamp, file) for lamp, file in part.table_pictures.items()]
     found += [
-        (view.view_id, lamp, file) for view in part.views for lamp, file in view.pictures.items()
+        (view.view, lamp, file) for view in part.views for lamp, file in view.pictures.items()
     ]
     pictures = tuple(Picture(i, *one) for i, one in enumerate(found))
     return Shown(
@@ -83,8 +83,8 @@ def _coverage(record: RunRecord, part: PartReport) -> dict[str, Any] | None:
         "recipe": str(record.recipe_of(part).recipe.get("name", "")),
         "views": sum(bool(view.evaluated) for view in part.views),
         "faces": [
-            [face.face_id, round(PER_MILLE * face.compared_fraction), PER_MILLE]
+            [face.face, round(PER_MILLE * face.compared_fraction), PER_MILLE]
             for face in verdict.faces
         ],
-        "why": {face.face_id: face.reason for face in verdict.faces if face.reason},
+        "why": {face.face: face.reason for face in verdict.faces if face.reason},
     }

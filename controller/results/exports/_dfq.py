@@ -10,8 +10,9 @@ Times are those of this computer's zone (``TZ``, else the system's): the format 
 from collections.abc import Sequence
 from typing import Final
 
+from controller.cell.journal.rows import CharacteristicFields
+
 from ..judged import JudgedPart, shared_characteristics
-from ..run import CharacteristicReport
 
 BETWEEN_CHARACTERISTICS: Final = "\x0f"
 WITHIN_VALUE: Final = "\x14"
@@ -69,7 +70,7 @@ def dfq_bytes(parts: Sequence[JudgedPart]) -> bytes:
     return text.encode("ascii" if text.isascii() else "utf-8-sig")
 
 
-def _characteristic(c: CharacteristicReport) -> tuple[tuple[str, str], ...]:
+def _characteristic(c: CharacteristicFields) -> tuple[tuple[str, str], ...]:
     lower = NATURAL_LIMIT if c.kind in NATURALLY_ABOVE_ZERO else LIMIT
     return (
         ("K2001", str(c.balloon)),
@@ -90,7 +91,7 @@ def _fields(index: str, fields: Sequence[tuple[str, str]]) -> list[str]:
     return [f"{key}/{index} {text}" for key, value in fields if (text := _plain(value))]
 
 
-def _value(c: CharacteristicReport, at: str) -> str:
+def _value(c: CharacteristicFields, at: str) -> str:
     is_measured = c.measured is not None and c.verdict != "not evaluated"
     value = _number(c.measured if is_measured and c.measured is not None else 0.0)
     return WITHIN_VALUE.join((value, str(VALID if is_measured else INVALID), at))

@@ -18,10 +18,10 @@ from typing import Final
 
 from lxml import etree
 
+from controller.cell.journal.rows import CharacteristicFields
 from controller.config.cad_files import cad_identity
 
 from ..judged import DECISION_RULE, JudgedPart, shared_characteristics
-from ..run import CharacteristicReport
 from ..wording import K_U
 
 QIF_NAMESPACE: Final = "http://qifstandards.org/xsd/qif3"
@@ -82,7 +82,7 @@ class _Feature:
     definition: int
     nominal: int
     item: int
-    characteristic: CharacteristicReport
+    characteristic: CharacteristicFields
     anchor: int
 
 
@@ -180,7 +180,7 @@ class _Document:
 
     # --- features -----------------------------------------------------------------------------
 
-    def _find_features(self, asked: Sequence[CharacteristicReport]) -> None:
+    def _find_features(self, asked: Sequence[CharacteristicFields]) -> None:
         for c in asked:
             self.features_of[c.id] = []
             if c.axis is None:
@@ -229,7 +229,7 @@ class _Document:
     # --- characteristics ----------------------------------------------------------------------
 
     def _characteristics(
-        self, root: etree._Element, asked: Sequence[CharacteristicReport], standard: int
+        self, root: etree._Element, asked: Sequence[CharacteristicFields], standard: int
     ) -> None:
         part = _add(root, "Characteristics")
         _add(part, "FormalStandardId", str(standard))
@@ -337,7 +337,7 @@ class _Document:
         _ids(results, "ActualComponentIds", [component])
 
 
-def _limits(definition: etree._Element, c: CharacteristicReport) -> None:
+def _limits(definition: etree._Element, c: CharacteristicFields) -> None:
     if c.kind == "position":
         _add(definition, "ToleranceValue", _number(ZONE_DIAMETER * c.upper))
         _add(definition, "MaterialCondition", "NONE")
@@ -353,7 +353,7 @@ def _limits(definition: etree._Element, c: CharacteristicReport) -> None:
         _add(tolerance, "DefinedAsLimit", "true")
 
 
-def _measured(parent: etree._Element, tag: str, c: CharacteristicReport) -> None:
+def _measured(parent: etree._Element, tag: str, c: CharacteristicFields) -> None:
     factor = ZONE_DIAMETER if c.kind == "position" else 1.0
     assert c.measured is not None
     element = _add(parent, tag, _number(factor * c.measured))
@@ -362,7 +362,7 @@ def _measured(parent: etree._Element, tag: str, c: CharacteristicReport) -> None
         element.set("meanError", "0")
 
 
-def _outwards(c: CharacteristicReport, anchor: int) -> tuple[float, float, float]:
+def _outwards(c: CharacteristicFields, anchor: int) -> tuple[float, float, float]:
     """Return the outward normal of a rim's plane, or of one face of a distance."""
     assert c.axis is not None
     x, y, z = c.axis
@@ -394,7 +394,7 @@ def _notes(judged: JudgedPart) -> dict[str, str]:
         notes[f"review {i}"] = f"{said} ({one.who}, {one.at.isoformat()})"
     for f in judged.part.findings:
         at = _vector(f.p_part_mm)
-        notes[f"finding {f.number}"] = f"{f.kind}, {f.size_mm:.2f} mm, at {at}, view {f.view_id}"
+        notes[f"finding {f.number}"] = f"{f.kind}, {f.size_mm:.2f} mm, at {at}, view {f.view}"
     return notes
 
 

@@ -6,7 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from ..run import CharacteristicReport
+from controller.cell.journal.rows import CharacteristicFields
+
 from ..statistics import Interval
 from ..statistics.capability import MIN_COUNT
 from ..statistics.gauge import NDC_FACTOR, SIGMAS, Bias, bias_of
@@ -37,7 +38,7 @@ class Reading:
     start: str
     grasp: str
     source: str
-    characteristics: tuple[CharacteristicReport, ...]
+    characteristics: tuple[CharacteristicFields, ...]
     grasp_of: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -159,7 +160,7 @@ def study_readings(
 
 
 def _study(
-    asked: CharacteristicReport, readings: Sequence[Reading], references: Sequence[Reference]
+    asked: CharacteristicFields, readings: Sequence[Reading], references: Sequence[Reference]
 ) -> CharacteristicGauge:
     mine = [(r, c) for r in readings for c in r.characteristics if c.id == asked.id]
     measured = [(r, c, c.measured) for r, c in mine if c.measured is not None]
@@ -184,13 +185,13 @@ def _study(
     )
 
 
-def _looks(measured: Sequence[tuple[Reading, CharacteristicReport]]) -> NestedStudy | None:
+def _looks(measured: Sequence[tuple[Reading, CharacteristicFields]]) -> NestedStudy | None:
     values, groups = [], []
     for k, (reading, c) in enumerate(measured):
         for look in c.looks:
-            if look.measured is not None and not look.reason and look.view_id in reading.grasp_of:
+            if look.measured is not None and not look.reason and look.view in reading.grasp_of:
                 values.append(look.measured)
-                groups.append((k, reading.grasp_of[look.view_id]))
+                groups.append((k, reading.grasp_of[look.view]))
     return nested_study(values, groups, (MEASUREMENT, GRASP, LOOK))
 
 

@@ -19,10 +19,11 @@ Lengths are mm, angles degrees, areas mm2, `*_fraction` 0..1, times ISO 8601 UTC
 """  # noqa: E501 - a table row is one line
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any, Final
 
-from ..run import CharacteristicReport, ReviewReport
+from controller.cell.journal.rows import CharacteristicFields
+
+from ..run import ReviewReport
 from ._model import DECISION_RULE, JudgedPart
 
 RESULT_SCHEMA: Final = "cellctl.result"
@@ -65,18 +66,18 @@ def result_json(judged: JudgedPart) -> dict[str, Any]:
         "covered_U": verdict.compared_U if verdict else None,
         "in_sight_fraction": verdict.in_sight_fraction if verdict else None,
         "claim": (verdict.claim or None) if verdict else None,
-        "found": [asdict(one) for one in (verdict.found if verdict else ())],
+        "found": [one.model_dump() for one in (verdict.found if verdict else ())],
         "characteristics": [characteristic_json(c) for c in part.characteristics],
         "findings": [
             {
                 "number": f.number,
                 "kind": f.kind,
-                "view": f.view_id,
+                "view": f.view,
                 "lamp": f.lamp,
                 "p_part_mm": list(f.p_part_mm),
                 "size_mm": f.size_mm,
                 "area_mm2": f.area_mm2,
-                "faces": list(f.face_ids),
+                "faces": list(f.faces),
                 "verdict": f.verdict or None,
                 "pictures": [list(picture) for picture in f.pictures],
             }
@@ -84,7 +85,7 @@ def result_json(judged: JudgedPart) -> dict[str, Any]:
         ],
         "faces": [
             {
-                "face": face.face_id,
+                "face": face.face,
                 "label": face.label,
                 "area_mm2": face.area_mm2,
                 "compared_fraction": face.compared_fraction,
@@ -98,7 +99,7 @@ def result_json(judged: JudgedPart) -> dict[str, Any]:
         ],
         "views": [
             {
-                "view": view.view_id,
+                "view": view.view,
                 "evaluated": view.evaluated,
                 "reason": view.reason,
                 "pictures": dict(view.pictures),
@@ -123,7 +124,7 @@ def reviews_json(reviews: Sequence[ReviewReport]) -> list[dict[str, Any]]:
     ]
 
 
-def characteristic_json(c: CharacteristicReport) -> dict[str, Any]:
+def characteristic_json(c: CharacteristicFields) -> dict[str, Any]:
     """Return a characteristic with its result as plain JSON values."""
     return {
         "balloon": c.balloon,
@@ -146,7 +147,7 @@ def characteristic_json(c: CharacteristicReport) -> dict[str, Any]:
         "p_part_mm": [list(p) for p in c.anchors_mm],
         "looks": [
             {
-                "view": look.view_id,
+                "view": look.view,
                 "lamp": look.lamp,
                 "measured": look.measured,
                 "u": look.u,

@@ -6,9 +6,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Final
 
+from controller.cell.journal.rows import CharacteristicFields
 from controller.inspection.characteristics import CONFORMANCE_PROBABILITY
 
-from ..run import CharacteristicReport, PartReport
+from ..run import PartReport
 
 DECISION_RULE: Final = f"guard bands, {100 * CONFORMANCE_PROBABILITY:.0f} % for PASS and for FAIL"
 
@@ -82,7 +83,7 @@ class JudgedPart:
         return self.part.verdict.reasons if self.part.verdict else ()
 
 
-def shared_characteristics(parts: Sequence[JudgedPart]) -> tuple[CharacteristicReport, ...]:
+def shared_characteristics(parts: Sequence[JudgedPart]) -> tuple[CharacteristicFields, ...]:
     """Return the characteristics of a product, as its first measured part has them.
 
     Raises

@@ -43,6 +43,7 @@ from pathlib import Path
 from typing import Any
 
 from controller.cell.alarms import alarm_of
+from controller.cell.journal.rows import PlanMade
 from controller.config.files import file_within
 
 from ..judged import characteristic_json, reviews_json
@@ -128,7 +129,7 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
         "covered_U": verdict.compared_U if verdict else None,
         "in_sight_fraction": verdict.in_sight_fraction if verdict else None,
         "claim": verdict.claim if verdict else None,
-        "found": [asdict(one) for one in (verdict.found if verdict else ())],
+        "found": [one.model_dump() for one in (verdict.found if verdict else ())],
         "tray": part.tray,
         "nest": part.nest,
         "custody": part.custody.key,
@@ -144,7 +145,7 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
         "table_pictures": _pictures(record.folder, part.table_pictures),
         "sightings": [asdict(sighting) for sighting in part.sightings],
         "forecast_s": part.plan.forecast_s if part.plan else None,
-        "plan": asdict(part.plan) if part.plan else None,
+        "plan": _plan(part.plan) if part.plan else None,
         "steps": [
             {
                 "label": step.label,
@@ -162,7 +163,7 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
         "findings": [_finding(finding) for finding in part.findings],
         "faces": [
             {
-                "face": face.face_id,
+                "face": face.face,
                 "label": face.label,
                 "area_mm2": face.area_mm2,
                 "area_fraction": face.area_mm2 / total,
@@ -178,15 +179,29 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
     }
 
 
+def _plan(plan: PlanMade) -> dict[str, Any]:
+    return {
+        "labels": plan.steps,
+        "seconds": plan.seconds,
+        "forecast_s": plan.forecast_s,
+        "covered_fraction": plan.covered_fraction,
+        "reachable_fraction": plan.reachable_fraction,
+        "unseen": [
+            {"face_id": piece.face, "area_fraction": piece.area_fraction, "reason": piece.reason}
+            for piece in plan.unseen
+        ],
+    }
+
+
 def _view(folder: Path, view: ViewReport) -> dict[str, Any]:
     return {
-        "view": view.view_id,
+        "view": view.view,
         "evaluated": view.evaluated,
         "reason": view.reason,
         "shift_mm": view.shift_mm,
         "turn_deg": view.turn_deg,
         "residual_px": view.residual_px,
-        "checks": [asdict(check) for check in view.checks],
+        "checks": [check.model_dump(exclude={"misfit"}) for check in view.checks],
         "findings": [finding.number for finding in view.findings],
         "pictures": _pictures(folder, view.pictures),
     }
@@ -195,7 +210,7 @@ def _view(folder: Path, view: ViewReport) -> dict[str, Any]:
 def _finding(finding: FindingReport) -> dict[str, Any]:
     return {
         "number": finding.number,
-        "view": finding.view_id,
+        "view": finding.view,
         "kind": finding.kind,
         "lamp": finding.lamp,
         "size_mm": finding.size_mm,
@@ -203,7 +218,7 @@ def _finding(finding: FindingReport) -> dict[str, Any]:
         "at_px": finding.at_px,
         "box_px": finding.box_px,
         "p_part_mm": finding.p_part_mm,
-        "faces": finding.face_ids,
+        "faces": finding.faces,
         "verdict": finding.verdict or None,
         "pictures": finding.pictures,
     }

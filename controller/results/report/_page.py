@@ -202,7 +202,7 @@ def _finding(
             lamp_words(finding.lamp), shot, marks, bar, border=_closed(finding.outline_px)
         )
     labels = _labels(part)
-    faces = ", ".join(labels.get(i, f"F{i}") for i in finding.face_ids)
+    faces = ", ".join(labels.get(i, f"F{i}") for i in finding.faces)
     return FindingRow(finding, lamp_words(finding.lamp), faces, panel)
 
 
@@ -213,4 +213,4 @@ def _closed(points: Points) -> str:
 
 
 def _labels(part: PartReport) -> Mapping[int, str]:
-    return {f.face_id: f.label for f in part.verdict.faces} if part.verdict else {}
+    return {f.face: f.label for f in part.verdict.faces} if part.verdict else {}

@@ -14,10 +14,11 @@ from typing import Final
 from jinja2 import Template
 
 from controller.cad import Solid
+from controller.cell.journal.rows import CharacteristicFields
 
 from ..judged import JudgedPart, counted_parts
 from ..pages import make_environment
-from ..run import CharacteristicReport, ResultsError, RunRecord
+from ..run import ResultsError, RunRecord
 from ._words import cautions
 from .html import FILTERS, NO_CAD, solids_of
 from .signed.balloons import BalloonDrawing, balloon_drawing
@@ -145,7 +146,7 @@ def _row(row: Row, shown: Mapping[int, str]) -> FormRow:
     )
 
 
-def _faces(c: CharacteristicReport) -> str:
+def _faces(c: CharacteristicFields) -> str:
     return ", ".join(f"F{face}" for face in c.faces)
 
 

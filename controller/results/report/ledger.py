@@ -6,7 +6,9 @@ All values are plain numbers from a `PartReport`; shares are in percent.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..run import FaceReport, PartReport, StepReport
+from controller.cell.journal.rows import FaceJudged
+
+from ..run import PartReport, StepReport
 
 NO_REASON = "planned to be shown, but no evaluated view compared it"
 DECIMALS = 2
@@ -16,7 +18,7 @@ DECIMALS = 2
 class LedgerRow:
     """A surface and its share of the whole area [%]."""
 
-    face: FaceReport
+    face: FaceJudged
     share_percent: float
 
 
@@ -90,8 +92,8 @@ def make_ledger(part: PartReport) -> Ledger | None:
     )
 
 
-def _why_not_compared(part: PartReport, face: FaceReport) -> str:
-    planned = [u for u in (part.plan.unseen if part.plan else ()) if u.face_id == face.face_id]
+def _why_not_compared(part: PartReport, face: FaceJudged) -> str:
+    planned = [u for u in (part.plan.unseen if part.plan else ()) if u.face == face.face]
     if planned:
         return max(planned, key=lambda u: u.area_fraction).reason or NO_REASON
     return face.reason if face.reason and face.verdict != "fail" else NO_REASON

@@ -8,19 +8,11 @@ from controller.cell.custody import Custody
 from controller.cell.journal import Body, Once, rows
 
 from .model import (
-    CharacteristicReport,
-    CheckReport,
-    DetectionReport,
-    FaceReport,
     FindingReport,
-    LookReport,
     PartReport,
-    PlanReport,
     ReviewReport,
     SightingReport,
     StepReport,
-    UnseenReport,
-    VerdictReport,
     ViewReport,
 )
 
@@ -45,14 +37,14 @@ class PartFold:
     looks: int = 0
     table_pictures: Mapping[str, str] = field(default_factory=dict)
     sightings: tuple[SightingReport, ...] = ()
-    plan: PlanReport | None = None
+    plan: rows.PlanMade | None = None
     steps: list[StepReport] = field(default_factory=list)
     grasps_missed: list[str] = field(default_factory=list)
     views: list[ViewReport] = field(default_factory=list)
-    characteristics: tuple[CharacteristicReport, ...] = ()
+    characteristics: tuple[rows.CharacteristicFields, ...] = ()
     # None where findings are known view by view only
     findings: tuple[rows.PartFindingFields, ...] | None = None
-    verdict: VerdictReport | None = None
+    verdict: rows.PartJudged | None = None
     tray: str | None = None
     nest: int | None = None
     custody: Custody = Custody.ON_TABLE
@@ -99,7 +91,7 @@ class PartFold:
                 taken, _ = row.parted()
                 self.sightings = tuple(_sighting(s, is_taken=s is taken) for s in row.sightings)
             case rows.PlanMade():
-                self.plan, self.steps = _plan(row), []
+                self.plan, self.steps = row, []
             case rows.StepDone():
                 self.steps.append(_step(row))
             case rows.GraspMissed():
@@ -109,11 +101,11 @@ class PartFold:
             case rows.ViewJudged():
                 self._judged(row)
             case rows.PartMeasured():
-                self.characteristics = tuple(_characteristic(c) for c in row.characteristics)
+                self.characteristics = row.characteristics
             case rows.PartFindings():
                 self.findings = row.findings
             case rows.PartJudged():
-                self.verdict = _verdict(row)
+                self.verdict = row
             case rows.CustodyChanged():
                 self.custody = Custody.of_key(row.name)
                 self.custody_detail = row.detail
@@ -150,7 +142,7 @@ class PartFold:
         first = 1 + sum(len(view.findings) for view in self.views)
         judged = _view(row, first)
         for i, view in enumerate(self.views):
-            if view.view_id == judged.view_id and view.evaluated is None:
+            if view.view == judged.view and view.evaluated is None:
                 self.views[i] = replace(judged, pictures=view.pictures)
                 return
         self.views.append(judged)
@@ -198,7 +190,7 @@ class PartFold:
         if self.plan is None:
             return tuple(self.steps)
         # the plan's last entry is parking, which is not timed as a step
-        planned = zip(self.plan.labels[:-1], self.plan.seconds[:-1], strict=True)
+        planned = zip(self.plan.steps[:-1], self.plan.seconds[:-1], strict=True)
         rest = tuple(StepReport(label, seconds, None) for label, seconds in planned)
         return (*self.steps, *rest[len(self.steps) :])
 
@@ -236,17 +228,6 @@ def _sighting(s: rows.SightingFields, *, is_taken: bool) -> SightingReport:
     )
 
 
-def _plan(row: rows.PlanMade) -> PlanReport:
-    return PlanReport(
-        labels=row.steps,
-        seconds=row.seconds,
-        forecast_s=row.forecast_s,
-        covered_fraction=row.covered_fraction,
-        reachable_fraction=row.reachable_fraction,
-        unseen=tuple(UnseenReport(u.face, u.area_fraction, u.reason) for u in row.unseen),
-    )
-
-
 def _step(row: rows.StepDone) -> StepReport:
     return StepReport(
         label=row.label,
@@ -261,7 +242,7 @@ def _step(row: rows.StepDone) -> StepReport:
 
 def _view(row: rows.ViewJudged, first: int) -> ViewReport:
     return ViewReport(
-        view_id=row.view,
+        view=row.view,
         pictures={},
         evaluated=row.evaluated,
         reason=row.reason,
@@ -273,7 +254,7 @@ def _view(row: rows.ViewJudged, first: int) -> ViewReport:
         findings=tuple(
             FindingReport(
                 number=number,
-                view_id=row.view,
+                view=row.view,
                 kind=f.kind,
                 lamp=f.lamp,
                 area_mm2=f.area_mm2,
@@ -281,14 +262,11 @@ def _view(row: rows.ViewJudged, first: int) -> ViewReport:
                 at_px=f.at_px,
                 box_px=f.box_px,
                 p_part_mm=f.p_part_mm,
-                face_ids=f.faces,
+                faces=f.faces,
             )
             for number, f in enumerate(row.findings, start=first)
         ),
-        checks=tuple(
-            CheckReport(c.check, c.reason, c.compared_samples, c.size_mm, c.length_mm)
-            for c in row.checks
-        ),
+        checks=row.checks,
         T_world_part=row.T_world_part if row.evaluated else (),
     )
 
@@ -299,9 +277,9 @@ def _with_findings(
     """Return the views with the findings of the whole part in place of their own."""
     if findings is None:
         return tuple(views)
-    of_view: dict[str, list[FindingReport]] = {view.view_id: [] for view in views}
+    of_view: dict[str, list[FindingReport]] = {view.view: [] for view in views}
     own = {
-        (f.view_id, f.lamp, tuple(round(v, 1) for v in f.p_part_mm)): f
+        (f.view, f.lamp, tuple(round(v, 1) for v in f.p_part_mm)): f
         for view in views
         for f in view.findings
     }
@@ -310,7 +288,7 @@ def _with_findings(
         of_view.setdefault(f.view, []).append(
             FindingReport(
                 number=number,
-                view_id=f.view,
+                view=f.view,
                 kind=f.kind,
                 lamp=f.lamp,
                 area_mm2=f.area_mm2 if f.area_mm2 is not None or not seen else seen.area_mm2,
@@ -318,84 +296,16 @@ def _with_findings(
                 at_px=f.at_px or (seen.at_px if seen else _middle(f.box_px)),
                 box_px=f.box_px or (seen.box_px if seen else None),
                 p_part_mm=f.p_part_mm,
-                face_ids=f.faces,
+                faces=f.faces,
                 verdict=f.verdict,
                 outline_px=f.outline_px,
                 pictures=f.pictures,
             )
         )
-    known = [replace(view, findings=tuple(of_view.pop(view.view_id, ()))) for view in views]
+    known = [replace(view, findings=tuple(of_view.pop(view.view, ()))) for view in views]
     # a finding of all views together may name none of them
     return (*known, *(ViewReport(name, {}, None, findings=tuple(f)) for name, f in of_view.items()))
 
 
 def _middle(box: tuple[int, int, int, int] | None) -> tuple[float, float] | None:
     return None if box is None else ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)
-
-
-def _characteristic(c: rows.CharacteristicFields) -> CharacteristicReport:
-    return CharacteristicReport(
-        id=c.id,
-        balloon=c.balloon,
-        kind=c.kind,
-        label=c.label,
-        unit=c.unit,
-        nominal=c.nominal,
-        lower=c.lower,
-        upper=c.upper,
-        source=c.source,
-        faces=c.faces,
-        is_critical=c.is_critical,
-        measured=c.measured,
-        U=c.U,
-        verdict=c.verdict,
-        views=c.views,
-        reason=c.reason,
-        anchors_mm=c.anchors_mm,
-        axis=c.axis,
-        rim_radius_mm=c.rim_radius_mm,
-        is_hole=c.is_hole,
-        looks=tuple(
-            LookReport(
-                view_id=look.view,
-                lamp=look.lamp,
-                measured=look.measured,
-                u=look.u,
-                reason=look.reason,
-                budget=look.budget,
-                points_px=look.points_px,
-                accepted=look.accepted,
-                shape_px=look.shape_px,
-            )
-            for look in c.looks
-        ),
-    )
-
-
-def _verdict(row: rows.PartJudged) -> VerdictReport:
-    return VerdictReport(
-        verdict=row.verdict,
-        reasons=row.reasons,
-        compared_fraction=row.compared_fraction,
-        compared_U=row.compared_U,
-        faces=tuple(
-            FaceReport(
-                face_id=f.face,
-                label=f.label,
-                area_mm2=f.area_mm2,
-                compared_fraction=f.compared_fraction,
-                verdict=f.verdict,
-                views=f.views,
-                reason=f.reason,
-                by_check=f.by_check,
-                rest=f.rest,
-            )
-            for f in row.faces
-        ),
-        in_sight_fraction=row.in_sight_fraction,
-        claim=row.claim,
-        found=tuple(
-            DetectionReport(d.kind, d.size_mm, d.share, d.half_mm, d.is_asked, d.open_faces)
-            for d in row.found
-        ),
-    )

@@ -13,10 +13,14 @@ from typing import Any, Final, Literal
 from controller.cell.custody import Custody
 from controller.cell.journal import Body
 from controller.cell.journal.rows import (
+    CharacteristicFields,
+    CheckMade,
     PartFollowed,
     PartIdentified,
+    PartJudged,
     PartLeft,
     PartResumed,
+    PlanMade,
     RecipeOrdered,
     label_of,
 )
@@ -83,27 +87,6 @@ class SightingReport:
 
 
 @dataclass(frozen=True, slots=True)
-class UnseenReport:
-    """A piece of a surface the plan cannot show: its share of all surface (0..1), and why."""
-
-    face_id: int
-    area_fraction: float
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class PlanReport:
-    """A plan; its last two steps are forecast for the slowest tray."""
-
-    labels: tuple[str, ...]
-    seconds: tuple[float, ...]
-    forecast_s: float
-    covered_fraction: float
-    reachable_fraction: float
-    unseen: tuple[UnseenReport, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class StepReport:
     """One step [cell s]; `actual_s` is None if it was not finished or is not timed.
 
@@ -156,7 +139,7 @@ class FindingReport:
     """
 
     number: int
-    view_id: str
+    view: str
     kind: str
     lamp: str
     area_mm2: float | None
@@ -164,70 +147,10 @@ class FindingReport:
     at_px: tuple[float, float] | None
     box_px: Box | None
     p_part_mm: tuple[float, ...]
-    face_ids: tuple[int, ...]
+    faces: tuple[int, ...]
     verdict: str = ""
     outline_px: Points = ()
     pictures: tuple[tuple[str, str], ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class LookReport:
-    """The result of one picture for a characteristic; see `controller.inspection`'s `Look`."""
-
-    view_id: str
-    lamp: str
-    measured: float | None
-    u: float | None
-    reason: str
-    budget: Mapping[str, float]
-    points_px: Points
-    accepted: tuple[int, ...]
-    shape_px: Points
-
-
-@dataclass(frozen=True, slots=True)
-class CharacteristicReport:
-    """A characteristic with its result; values in `unit`, which is mm or deg.
-
-    Attributes
-    ----------
-    balloon : its number on the drawing and in the table
-    lower, upper : limits of the value itself
-    source : source of the limits
-    measured, U : value and expanded uncertainty (k = 2); None if it was not evaluated
-    verdict : pass, fail, indeterminate or not evaluated
-    reason : reason why it stays open, or the limit it exceeds
-    anchors_mm, axis : points of the measurement, CAD frame, and the axis of the hole or boss, or
-        the direction of the distance
-    rim_radius_mm, is_hole : radius of the rim, and True for a hole, False for a boss
-    """
-
-    id: str
-    balloon: int
-    kind: str
-    label: str
-    unit: str
-    nominal: float
-    lower: float
-    upper: float
-    source: str
-    faces: tuple[int, ...]
-    is_critical: bool
-    measured: float | None
-    U: float | None
-    verdict: str
-    views: tuple[str, ...]
-    reason: str
-    anchors_mm: tuple[tuple[float, float, float], ...] = ()
-    axis: tuple[float, float, float] | None = None
-    rim_radius_mm: float | None = None
-    is_hole: bool | None = None
-    looks: tuple[LookReport, ...] = ()
-
-    @property
-    def deviation(self) -> float | None:
-        """The difference of the value from the nominal one."""
-        return None if self.measured is None else self.measured - self.nominal
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +167,7 @@ class ViewReport:
     T_world_part : (4, 4) the pose measured; empty if it is not known
     """
 
-    view_id: str
+    view: str
     pictures: Mapping[str, str]
     evaluated: bool | None
     reason: str = ""
@@ -253,87 +176,8 @@ class ViewReport:
     residual_px: float | None = None
     outline_px: Points = ()
     findings: tuple[FindingReport, ...] = ()
-    checks: tuple["CheckReport", ...] = ()
+    checks: tuple[CheckMade, ...] = ()
     T_world_part: tuple[tuple[float, ...], ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class FaceReport:
-    """The result for one surface; all shares are of its own area, 0..1.
-
-    Attributes
-    ----------
-    compared_fraction : compared with the CAD by any check
-    by_check : the same by each check
-    rest : shares not compared, by reason
-    """
-
-    face_id: int
-    label: str
-    area_mm2: float
-    compared_fraction: float
-    verdict: str
-    views: tuple[str, ...]
-    reason: str
-    by_check: Mapping[str, float] = field(default_factory=dict)
-    rest: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
-class CheckReport:
-    """One comparison of a view with the CAD; `reason` says why it was not made."""
-
-    check: str
-    reason: str
-    compared_samples: int
-    size_mm: float
-    length_mm: float
-
-
-@dataclass(frozen=True, slots=True)
-class DetectionReport:
-    """A kind of defect that would have been found with a probability of 90 %.
-
-    Attributes
-    ----------
-    size_mm : size in question, or the smallest defect of the recipe
-    share : share of the surface, or of the sharp edges for chips and burrs, on which it would have
-        been found
-    half_mm : the size found on half of that; None for none
-    is_asked : the recipe names it
-    open_faces : faces on less than half of which it would have been found
-    """
-
-    kind: str
-    size_mm: float
-    share: float
-    half_mm: float | None
-    is_asked: bool
-    open_faces: tuple[int, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class VerdictReport:
-    """The verdict on a part.
-
-    Attributes
-    ----------
-    reasons : most important first
-    compared_fraction : share of all surface that was compared
-    in_sight_fraction : share in sight, compared or not
-    claim : claim: the size looked for on the compared surface
-    compared_U : expanded uncertainty (k = 2) of `compared_fraction`; None in runs that did not say
-    found : smallest size found by kind of defect; empty in runs without this record
-    """
-
-    verdict: str
-    reasons: tuple[str, ...]
-    compared_fraction: float
-    faces: tuple[FaceReport, ...]
-    in_sight_fraction: float | None = None
-    claim: str = ""
-    found: tuple[DetectionReport, ...] = ()
-    compared_U: float | None = None  # noqa: N815 (U is the symbol of the field)
 
 
 @dataclass(frozen=True, slots=True)
@@ -383,17 +227,17 @@ class PartReport:
     looks: int
     table_pictures: Mapping[str, str]
     sightings: tuple[SightingReport, ...]
-    plan: PlanReport | None
+    plan: PlanMade | None
     steps: tuple[StepReport, ...]
     grasps_missed: tuple[str, ...]
     views: tuple[ViewReport, ...]
-    verdict: VerdictReport | None
+    verdict: PartJudged | None
     tray: str | None
     nest: int | None
     custody: Custody
     custody_detail: str
     unconfirmed: str
-    characteristics: tuple[CharacteristicReport, ...] = ()
+    characteristics: tuple[CharacteristicFields, ...] = ()
     resumed: PartResumed | None = None
     followed: PartFollowed | None = None
     is_counted: bool = True

@@ -270,6 +270,11 @@ class CharacteristicFields(Fields):
     is_hole: bool | None = None
     looks: tuple[LookFields, ...] = ()
 
+    @property
+    def deviation(self) -> float | None:
+        """The difference of the value from the nominal one."""
+        return None if self.measured is None else self.measured - self.nominal
+
 
 class PartMeasured(Body):
     """The characteristics of a part, by all its views."""

@@ -19,9 +19,9 @@ from shapely.geometry.base import BaseGeometry
 from controller.arrays import FloatArray
 from controller.cad import Solid
 from controller.cad.views import LineView, line_view
+from controller.cell.journal.rows import CharacteristicFields
 
 from ...line_drawing import Drawing, draw
-from ...run import CharacteristicReport
 from .leaders import CHAIN_MM, GAP_MM, RADIUS_MM, Placed, Ring, arrange
 
 # Rows are the directions right, up and towards the reader, in the CAD frame.
@@ -144,7 +144,7 @@ class BalloonDrawing:
 class _Place:
     """Characteristics measured at one place, and the target of their leader in each view."""
 
-    characteristics: tuple[CharacteristicReport, ...]
+    characteristics: tuple[CharacteristicFields, ...]
     shapes: tuple[BaseGeometry | None, ...]
 
 
@@ -170,7 +170,7 @@ class _View:
 
 
 def balloon_drawing(
-    solid: Solid, characteristics: Sequence[CharacteristicReport]
+    solid: Solid, characteristics: Sequence[CharacteristicFields]
 ) -> BalloonDrawing:
     """Return the drawing of a part; one without characteristics is drawn from two sides."""
     names = _choose(solid, characteristics) or ["from +z", "from -y"]
@@ -191,7 +191,7 @@ def balloon_drawing(
         height_mm *= 2  # with very many balloons, the drawing continues on the next page
 
 
-def _choose(solid: Solid, characteristics: Sequence[CharacteristicReport]) -> list[str]:
+def _choose(solid: Solid, characteristics: Sequence[CharacteristicFields]) -> list[str]:
     """Return the sides to draw, chosen greedily: as few as show all characteristics."""
     can: dict[str, set[int]] = {
         name: {c.balloon for c in characteristics if _shows(solid, c, R)}
@@ -206,7 +206,7 @@ def _choose(solid: Solid, characteristics: Sequence[CharacteristicReport]) -> li
     return chosen
 
 
-def _shows(solid: Solid, c: CharacteristicReport, R: FloatArray) -> bool:
+def _shows(solid: Solid, c: CharacteristicFields, R: FloatArray) -> bool:
     """Return True if a side shows a characteristic; a distance must be in the nearer half."""
     if not c.anchors_mm:
         return False
@@ -225,10 +225,10 @@ def _places(
     solid: Solid,
     names: Sequence[str],
     views: Sequence[LineView],
-    characteristics: Sequence[CharacteristicReport],
+    characteristics: Sequence[CharacteristicFields],
 ) -> list[_Place]:
     """Return the measurements grouped by place, in the order of the balloons."""
-    together: dict[tuple[object, ...], list[CharacteristicReport]] = {}
+    together: dict[tuple[object, ...], list[CharacteristicFields]] = {}
     for c in characteristics:
         if any(_shows(solid, c, SIDES[name]) for name in names):
             together.setdefault((c.anchors_mm, c.axis, c.rim_radius_mm), []).append(c)
@@ -246,7 +246,7 @@ def _places(
     ]
 
 
-def _shape(solid: Solid, c: CharacteristicReport, R: FloatArray, view: LineView) -> BaseGeometry:
+def _shape(solid: Solid, c: CharacteristicFields, R: FloatArray, view: LineView) -> BaseGeometry:
     """Return the target of a leader [mm of the part, y downwards]: rim, face or distance."""
     anchors = _flat(np.array(c.anchors_mm), R, solid)
     if c.kind == "radius":  # the leader points at the arc's face, since the centre is off the part

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from controller.arrays import FloatArray, Int32Array
 from controller.cad import Solid
+from controller.cell.journal.rows import FaceJudged
 from controller.imaging import RayCaster
 
 from ...ray_drawing import FINER, cast, jumps, smaller
-from ...run import FaceReport
 from ..pictures import data_uri
 
 ASPECT: Final = 1.25
@@ -52,7 +52,7 @@ class CoverageSide:
     uri: str
 
 
-def face_class(face: FaceReport) -> str:
+def face_class(face: FaceJudged) -> str:
     """Return the class of a face, by the ledger's names."""
     if face.verdict in ("pass", "fail"):
         return face.verdict
@@ -60,7 +60,7 @@ def face_class(face: FaceReport) -> str:
 
 
 def coverage_sides(
-    solid: Solid, faces: Sequence[FaceReport], width_px: int, jpeg: int
+    solid: Solid, faces: Sequence[FaceJudged], width_px: int, jpeg: int
 ) -> tuple[CoverageSide, ...]:
     """Return pictures of the part from four sides.
 
@@ -72,7 +72,7 @@ def coverage_sides(
     jpeg : JPEG quality, 0..100
     """
     caster = RayCaster(solid.mesh)
-    by_face = {face.face_id: face for face in faces}
+    by_face = {face.face: face for face in faces}
     sides = []
     for azimuth_deg, above, words in SIDES:
         axes = _axes(np.radians(azimuth_deg), above * ELEVATION_RAD)
@@ -84,7 +84,7 @@ def coverage_sides(
 def _picture(
     solid: Solid,
     caster: RayCaster,
-    faces: dict[int, FaceReport],
+    faces: dict[int, FaceJudged],
     axes: tuple[FloatArray, FloatArray, FloatArray],
     size_px: tuple[int, int],
 ) -> NDArray[np.uint8]:
@@ -104,7 +104,7 @@ def _picture(
 
 
 def _paint(
-    solid: Solid, faces: dict[int, FaceReport], triangle: Int32Array, axes: FloatArray
+    solid: Solid, faces: dict[int, FaceJudged], triangle: Int32Array, axes: FloatArray
 ) -> FloatArray:
     """Return the painted picture (height, width, 3), BGR."""
     names = list(COLOURS)

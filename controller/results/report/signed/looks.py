@@ -7,7 +7,9 @@ from typing import Final
 import cv2
 import numpy as np
 
-from ...run import Box, CharacteristicReport, LookReport, Points, ViewReport
+from controller.cell.journal.rows import CharacteristicFields, LookFields
+
+from ...run import Box, Points, ViewReport
 from ..pictures import Pictures, Shot, bounds, outline_path, window_round
 
 MARGIN: Final = 0.35
@@ -34,8 +36,8 @@ class LookPanel:
     bar_px : length of a millimetre in the picture; None if unknown
     """
 
-    c: CharacteristicReport
-    look: LookReport
+    c: CharacteristicFields
+    look: LookFields
     lamp: str
     shot: Shot
     rays: str
@@ -49,8 +51,8 @@ class LookPanel:
 
 
 def look_panel(
-    c: CharacteristicReport,
-    look: LookReport,
+    c: CharacteristicFields,
+    look: LookFields,
     views: Mapping[str, ViewReport],
     pictures: Pictures,
     lamp: str,
@@ -64,7 +66,7 @@ def look_panel(
     pictures : pictures of the part
     lamp : common name of the lamp
     """
-    view = views.get(look.view_id)
+    view = views.get(look.view)
     name = picture_of(view, look.lamp) if view else None
     around = bounds((*look.shape_px, *look.points_px))
     if view is None or name is None or around is None:
@@ -99,7 +101,7 @@ def picture_of(view: ViewReport, lamp: str) -> str | None:
     return None
 
 
-def _mm_px(c: CharacteristicReport, shape: Points) -> float | None:
+def _mm_px(c: CharacteristicFields, shape: Points) -> float | None:
     """Return the pixels per millimetre, from the size of the rim."""
     if c.rim_radius_mm is None or len(shape) < 8:
         return None

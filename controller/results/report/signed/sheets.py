@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from controller.cad import Solid
+from controller.cell.journal.rows import CharacteristicFields, LookFields, PartJudged
 
 from ...judged import DECISION_RULE, JudgedPart
-from ...run import CharacteristicReport, LookReport, VerdictReport, ViewReport
+from ...run import ViewReport
 from ...wording import utc
 from .._words import review_words
 from ..pictures import Pictures, Shot, bounds, window_round
@@ -36,7 +37,7 @@ MARGIN, MIN_PX = 0.12, 200
 class Thumbnail:
     """Thumbnail of a view."""
 
-    view_id: str
+    view: str
     lamp: str
     shot: Shot
     is_evaluated: bool
@@ -89,7 +90,7 @@ def make_sheets(
     """
     part = judged.part
     rows = rows_of(part.characteristics)
-    views = {view.view_id: view for view in part.views}
+    views = {view.view: view for view in part.views}
     panels = [
         panel
         for row in rows
@@ -126,12 +127,12 @@ def make_sheets(
     )
 
 
-def look_count(c: CharacteristicReport) -> int:
+def look_count(c: CharacteristicFields) -> int:
     """Return the number of looks at a characteristic on the screen; one if it passed."""
     return 1 if c.verdict == "pass" else MAX_LOOKS
 
 
-def looks_to_draw(c: CharacteristicReport, count: int) -> tuple[LookReport, ...]:
+def looks_to_draw(c: CharacteristicFields, count: int) -> tuple[LookFields, ...]:
     """Return the looks at a characteristic to draw; those that count come first.
 
     Parameters
@@ -155,7 +156,7 @@ def _thumbnail(
     size, around = pictures.size_px(name), bounds(view.outline_px)
     window = window_round([around], size, MARGIN, MIN_PX) if size and around else None
     shot = pictures.crop(name, window or (0, 0, *(size or (5, 4))))
-    return Thumbnail(view.view_id, lamp_words(lamp), shot, bool(view.evaluated))
+    return Thumbnail(view.view, lamp_words(lamp), shot, bool(view.evaluated))
 
 
 def _facts(judged: JudgedPart) -> tuple[tuple[str, str], ...]:
@@ -195,7 +196,7 @@ def _calibrated(judged: JudgedPart) -> str:
     return "; ".join((dated, *doubts))
 
 
-def compared_words(verdict: VerdictReport) -> str:
+def compared_words(verdict: PartJudged) -> str:
     """Return the compared share of the surface with its uncertainty, in words."""
     share = f"{100 * verdict.compared_fraction:.2f} %"
     if verdict.compared_U is None:

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from controller.cell.journal.rows import CharacteristicFields
 from controller.inspection.characteristics import GENERAL, open_zones
-
-from ...run import CharacteristicReport
 
 DECIMALS: Final = 3
 # Places of the limits in a deviation bar, which is 100 wide.
@@ -42,7 +41,7 @@ class Bar:
 class Row:
     """Printed row of a characteristic."""
 
-    c: CharacteristicReport
+    c: CharacteristicFields
     requirement: str
     limits: str
     actual: str
@@ -91,24 +90,24 @@ def briefly(rows: Sequence[Row]) -> Brief:
     return Brief(whole, passed, tuple((reason, tuple(n)) for reason, n in why.items()))
 
 
-def _is_stated(c: CharacteristicReport) -> bool:
+def _is_stated(c: CharacteristicFields) -> bool:
     """Return True if a characteristic was requested individually."""
     return c.is_critical or not c.source.startswith(GENERAL)
 
 
-def rows_of(characteristics: Sequence[CharacteristicReport]) -> tuple[Row, ...]:
+def rows_of(characteristics: Sequence[CharacteristicFields]) -> tuple[Row, ...]:
     """Return the rows in the order of their balloons."""
     return tuple(_row(c) for c in sorted(characteristics, key=lambda c: c.balloon))
 
 
-def tally(characteristics: Sequence[CharacteristicReport]) -> tuple[tuple[str, int], ...]:
+def tally(characteristics: Sequence[CharacteristicFields]) -> tuple[tuple[str, int], ...]:
     """Return the number of characteristics with each verdict, worst first."""
     words = [c.verdict for c in characteristics]
     order = ("fail", "indeterminate", "not evaluated", "pass")
     return tuple((word, words.count(word)) for word in order if word in words)
 
 
-def _row(c: CharacteristicReport) -> Row:
+def _row(c: CharacteristicFields) -> Row:
     unit = UNITS[c.unit]
     is_one_sided = _is_one_sided(c)
     up, down = c.upper - c.nominal, c.nominal - c.lower
@@ -130,12 +129,12 @@ def _row(c: CharacteristicReport) -> Row:
     )
 
 
-def _is_one_sided(c: CharacteristicReport) -> bool:
+def _is_one_sided(c: CharacteristicFields) -> bool:
     """Return True if the ideal value is 0, so that there is no lower limit."""
     return c.nominal == c.lower == 0
 
 
-def _bar(c: CharacteristicReport) -> Bar:
+def _bar(c: CharacteristicFields) -> Bar:
     width = (c.upper - c.lower) or 1.0
 
     def at(value: float) -> float:
