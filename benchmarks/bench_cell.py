@@ -11,7 +11,6 @@ controller thinks it placed and that lies elsewhere counts as dropped silently.
 """
 
 import json
-import os
 import socket
 import subprocess
 import sys
@@ -217,8 +216,6 @@ def main() -> int:
         "dropped_silently": sum(t.dropped_silently for t in trials),
         "wall_s_median": sorted(t.wall_s for t in trials)[len(trials) // 2],
         "wall_s_max": max(t.wall_s for t in trials),
-        "speed": args.speed,
-        "cores": os.cpu_count(),
     }
     show(args, [asdict(t) for t in trials], summary)
     return int(bool(summary["false_fail"] or summary["wrong_pass"] or summary["dropped_silently"]))

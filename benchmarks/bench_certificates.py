@@ -21,8 +21,9 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[_name] = "1"
 
 from bench import EMULATED, Arguments, note, show  # noqa: E402  (threads come first)
-from planning_parts import planning_parts, read_part  # noqa: E402
+from known_parts import planning_parts  # noqa: E402
 
+from controller.cad.compiled import load_part  # noqa: E402
 from controller.cell.plans import PlanCache  # noqa: E402
 from controller.config import load_cell  # noqa: E402
 from controller.setup.planner import planner_setup  # noqa: E402
@@ -33,7 +34,7 @@ ASKED_POSE_S = 5.0
 
 def cost(path: Path, cell_file: Path) -> dict[str, Any]:
     """Return the CPU seconds of a part: preparation, and each distinct pose by its index."""
-    part = read_part(path)
+    part = load_part(path)
     setup = planner_setup(None, load_cell(cell_file), part)
     planning = PlanCache(part, setup.layout, setup.options, use_cache=False)
     began = time.process_time()

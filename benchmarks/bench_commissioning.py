@@ -225,14 +225,8 @@ def run_recipe(recipe: str, cell: Path, seed: int, folder: Path, speed: float) -
     command += ["--as-built", str(seed), "--seed", str(seed), "--speed", str(speed), "--json"]
     command += ["--runs", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    last: dict[str, Any] = {}
-    for line in done.stdout.splitlines():
-        try:
-            row = json.loads(line)
-        except ValueError:
-            continue
-        if "verdict" in line:
-            last = row
+    said = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    last = [row for row in said if "verdict" in json.dumps(row)][-1:]
     return {"recipe": recipe, "rc": done.returncode, "last": last, "error": done.stderr[-300:]}
 
 

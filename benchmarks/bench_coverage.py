@@ -21,14 +21,13 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from bench import Arguments, show
+from known_parts import planning_parts, start_poses
 from numpy.typing import NDArray
 from planning_cell import emulated_layout
 from planning_checker import Moment, follow
 from planning_contacts import Checker, finger_boxes, frames
-from planning_parts import planning_parts, start_poses
 from planning_sight import (
     VisibilityRules,
-    blocked,
     box_triangles,
     in_sight,
     pixels_of,
@@ -44,7 +43,6 @@ from controller.planning import (
     Plan,
     PlanOptions,
     PreparedPart,
-    Reason,
     plan_from,
     prepare_part,
     resting_pose,
@@ -56,11 +54,6 @@ Mask = NDArray[np.bool_]
 MARGIN_MM, BORDER_PX = 2.0, 12.0
 FIRST_COUNT, FULL_COUNT = 1500, 24_000  # points on a face; the second where only some are seen
 LEAST_MM2 = 2.0
-HIDDEN_COUNT = 60  # points called hidden that are searched, per part
-LINES = 20_000
-INSIDE_RAD = float(np.radians(0.25))  # a free line must be within the limit by this
-LIFT_MM = 0.02
-AROUND_MM = 0.05  # and stay free when its point is moved so far
 
 
 @dataclass
@@ -105,8 +98,6 @@ class Row:
     true: float = 0.0
     reachable: float = 0.0
     faces: list[FaceRow] = field(default_factory=list)
-    hidden: int = 0
-    false_hidden: int = 0
 
     @property
     def errors(self) -> Array:
@@ -174,54 +165,6 @@ class Judge:
         return np.asarray(found & (inset >= border))
 
 
-def has_free_line(
-    judge: Judge, distance_mm: float, at: Array, normal: Array, rng: np.random.Generator
-) -> bool:
-    """Tell whether some place of the camera sees a point within the limit, by random lines."""
-    rules = judge.held
-    limit = rules.max_incidence_rad - INSIDE_RAD
-    cos = rng.uniform(np.cos(limit), 1.0, LINES)
-    turn = rng.uniform(0.0, 2 * np.pi, LINES)
-    u = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-    u /= np.linalg.norm(u)
-    v = np.cross(normal, u)
-    sine = np.sqrt(1.0 - cos**2)[:, None]
-    along = sine * (np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v) + cos[:, None] * normal
-    offset = at - judge.solid.centroid_mm
-    half = along @ offset
-    far = np.sqrt(half**2 - offset @ offset + distance_mm**2) - half
-    # all lines meet in the point: what stands before a place of the camera hides it from the point
-    start = at + LIFT_MM * normal
-    free = ~blocked_any_way(judge.triangles, start, at + far[:, None] * along)
-    if not free.any():
-        return False
-    # near enough: pixels go with the cosine over the distance
-    focal = float(min(judge.layout.inspection.K[0, 0], judge.layout.inspection.K[1, 1]))
-    free &= focal * cos >= 1.02 * rules.min_px_per_mm * far
-    for k in range(4):
-        moved = start + AROUND_MM * (np.cos(k * np.pi / 2) * u + np.sin(k * np.pi / 2) * v)
-        (rows,) = np.nonzero(free)
-        if len(rows):
-            eyes = at + far[rows, None] * along[rows]
-            free[rows] = ~blocked_any_way(judge.triangles, moved, eyes)
-    return bool(free.any())
-
-
-def blocked_any_way(triangles: Array, eye: Array, points: Array) -> Mask:
-    """Tell which points of a half space are hidden from a point; `blocked` by quarters of it."""
-    towards = (points - eye) / np.linalg.norm(points - eye, axis=1, keepdims=True)
-    middle = towards.mean(axis=0)
-    u = np.cross(middle, np.eye(3)[int(np.argmin(np.abs(middle)))])
-    u /= np.linalg.norm(u)
-    v = np.cross(middle, u)
-    sector = np.floor(np.arctan2(towards @ v, towards @ u) / (np.pi / 3)).astype(int)
-    hidden = np.zeros(len(points), dtype=bool)
-    for k in np.unique(sector):
-        (rows,) = np.nonzero(sector == k)
-        hidden[rows] = blocked(triangles, eye, points[rows])
-    return hidden
-
-
 def shares(samples: SurfaceSamples, seen: Mask, count: int) -> Array:
     """Return the share of each face (f,) that a plan states, in percent."""
     whole = np.bincount(samples.face_ids, samples.areas_mm2, count)
@@ -264,15 +207,6 @@ def judge_plan(
                 FaceRow(face.id, face.label, face.area_mm2, float(stated[face.id]), true, bare)
             )
     row.true = total / sum(f.area_mm2 for f in solid.faces)
-    hidden = [k for u in plan.unseen if u.kind is Reason.HIDDEN_BY_PART for k in u.samples]
-    rng = np.random.default_rng(seed + 2)
-    distance = float(np.linalg.norm(layout.inspection.position_mm - layout.station_mm))
-    # random points whose nearest counted one is called hidden, and that nothing shows
-    chosen = rng.permutation(np.array(hidden, dtype=np.int64))[:HIDDEN_COUNT]
-    for k in chosen:
-        row.hidden += 1
-        at, normal = samples.points_mm[k], samples.normals[k]
-        row.false_hidden += has_free_line(judge, distance, at, normal, rng)
 
 
 def bench(name: str, path: Path, args: argparse.Namespace) -> list[Row]:
@@ -330,8 +264,6 @@ def main() -> int:
             "largest %": float(errors.max()),
             "faces over 0.5 %": int((errors > 0.5).sum()),
             "of a whole part at most %": max(abs(r.stated - r.true) for r in done),
-            "false reasons": sum(r.false_hidden for r in done),
-            "reasons asked": sum(r.hidden for r in done),
         }
     show(args, [row_of(r) for r in rows], figures)
     return 0

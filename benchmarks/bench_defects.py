@@ -16,8 +16,8 @@ from typing import Any
 import manifold3d
 import numpy as np
 import trimesh
-from bench import Arguments, note, show
-from inspection_scenes import ROOT, Held, Station, judged_views
+from bench import ROOT, Arguments, note, show
+from inspection_scenes import Held, Station, judged_views
 from numpy.typing import NDArray
 
 from controller.cad import Face

@@ -1,7 +1,6 @@
 """How near the forecast of a whole part is to the cell's clock, from pictures to the tray.
 
     python benchmarks/bench_forecast.py RUNS [--json]
-    python benchmarks/bench_forecast.py --make 6 [--recipes holder featuretype] [--seed N]
     python benchmarks/bench_forecast.py --simulate 20 [--recipes featuretype flange_xy] [--seed N]
 
 The forecast of a whole part is what has passed from the first picture of the table until its first
@@ -9,14 +8,13 @@ plan is made, and the forecast that is shown then. It is held against the time f
 until the part is in its tray and the arm in its park, judging included, in cell seconds: the
 journal's instants times the speed that the run reached. Computing takes wall time, so that only
 runs at --speed 1 are a fair judge. Parts with recovery actions are counted apart, since no forecast
-knows of them. With --make, runs are made first, one after the other; with --simulate in one process
+knows of them. With --simulate parts are made in one process
 on a virtual clock (ADR 36), where no picture is made and the worker takes a drawn time. Below stand
 the steps by their kind.
 """
 
 import argparse
 import logging
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -24,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench import ROOT, Arguments, show
+from bench import Arguments, show
 
 from controller.cell.journal import Row, read_rows
 from simulation.case import Case, run_case
@@ -110,19 +108,6 @@ def simulate(runs: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
     return found
 
 
-def make_runs(runs: Path, args: argparse.Namespace) -> None:
-    """Run the recipes in turn."""
-    for number in range(args.make):
-        recipe = args.recipes[number % len(args.recipes)]
-        command = [
-            sys.executable, "-m", "controller.cli", "run", f"recipes/{recipe}.yaml", "--json",
-            "--speed", f"{args.speed:g}", "--seed", str(args.seed + number), "--runs", str(runs),
-        ]  # fmt: skip
-        subprocess.run(
-            command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False
-        )
-
-
 def summary(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return what the ratios come to, of parts without a recovery action."""
     ratios = np.array([one["ratio"] for one in parts if not one["recoveries"]])
@@ -141,15 +126,12 @@ def summary(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def main() -> int:
     parser = Arguments(__doc__, simulate=1, recipes=["holder"])
     parser.add_argument("runs", type=Path, nargs="?", help="folder of runs")
-    parser.add_argument("--make", type=int, default=0, metavar="N", help="make so many runs first")
     parser.add_argument("--simulate", type=int, default=0, metavar="N", help="simulate so many")
     parser.add_argument("--recipes", nargs="+", default=RECIPES)
     parser.add_argument("--seed", type=int, default=5001)
-    parser.add_argument("--speed", type=float, default=1.0)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         runs = args.runs or Path(scratch)
-        make_runs(runs, args)
         parts = simulate(runs, args) if args.simulate else parts_of(runs)
     steps = {
         f"{kind} ({count})": f"forecast {forecast_s:.2f} s, took {excess_s:+.2f} s"

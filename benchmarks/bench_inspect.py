@@ -28,13 +28,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from bench import ROOT, Arguments, need_sets
+from bench import ROOT, Arguments, need_sets, note, show
 from inspection_rivals import Score, best_line, ellipse_diameters, scores
-from inspection_truth import Compared, Judged, judged, lower_limit, upper_limit
+from inspection_truth import Compared, Judged, judged, upper_limit
 
 Words = dict[str, Any]
 TIMEOUT_S = 900
 VERDICTS = ("pass", "fail", "indeterminate", "error")
+SAID = ("specimen", "kind", "part", "verdict", "is_shown", "is_found", "elsewhere", "message")
 
 
 class Sets:
@@ -92,30 +93,8 @@ def judge_all(sets: Sets, args: argparse.Namespace) -> list[Judged]:
     with ThreadPoolExecutor(args.jobs) as pool:
         for outcome in pool.map(one, sets.specimens):
             out.append(outcome)
-            if not args.json:
-                print(_line(outcome), flush=True)
+            note({key: getattr(outcome, key) for key in SAID})
     return out
-
-
-def _line(o: Judged) -> str:
-    where = ""
-    if o.cls == "defect":
-        where = "found" if o.is_found else "hinted" if o.is_hinted else "not found"
-        where += "" if o.is_shown else ", in no view"
-    if o.elsewhere:
-        where += f"; {o.elsewhere} failed elsewhere"
-    e = [abs(c.error_mm) / c.U_mm for c in o.compared if c.U_mm]
-    sizes = f"{len(e):3d} sizes, {np.mean(np.array(e) <= 1):.0%} inside U" if e else ""
-    what = f"{o.specimen:6} {o.cls:7} {o.kind:17} {o.part:16} {o.verdict:14}"
-    return f"{what} {o.seconds:5.2f} s/view  {where} {sizes} {o.message}".rstrip()
-
-
-def rate(count: int, total: int, *, low: bool = False) -> str:
-    """Return a rate with its limit as people read it."""
-    if total == 0:
-        return "-"
-    limit = lower_limit(count, total) if low else upper_limit(count, total)
-    return f"{count} of {total} ({'>' if low else '<'} {limit:.0%})"
 
 
 def summary(outcomes: Sequence[Judged]) -> Words:
@@ -207,42 +186,6 @@ def _rival_counts(scored: Iterable[tuple[Words, Score]], line: float) -> Words:
     }
 
 
-def print_tables(told: Words, rivals: Words | None) -> None:
-    print(f"\n{'':26}{'n':>4}{'PASS':>6}{'FAIL':>6}{'OPEN':>6}{'error':>6}{'shown':>7}{'found':>7}"
-          f"{'hinted':>7}{'fails elsewhere':>17}")  # fmt: skip
-    for name, c in told["counts"].items():
-        if c["n"]:
-            indent = "" if " " not in name else "  "
-            label = name if not indent else indent + name.split(" ", 1)[1]
-            print(f"{label:26}{c['n']:4d}{c['pass']:6d}{c['fail']:6d}{c['indeterminate']:6d}"
-                  f"{c['error']:6d}{c['shown']:7d}{c['found']:7d}{c['hinted']:7d}"
-                  f"{c['with_fails_elsewhere']:17d}")  # fmt: skip
-    good, bad, trap = (told["counts"][k] for k in ("good", "defect", "trap"))
-    print(f"\nfalse FAIL       {rate(good['fail'], good['n'])}")
-    print(f"good left open   {rate(good['indeterminate'], good['n'])}")
-    print(f"wrong PASS       {rate(bad['pass'], bad['n'])}")
-    print(f"found in place   {rate(bad['found'], bad['n'], low=True)}")
-    print(f"trap PASS        {rate(trap['pass'], trap['n'])}")
-    print(f"trap FAIL        {rate(trap['fail'], trap['n'])}")
-    for kind, s in told["sizes"].items():
-        print(f"{kind:16} n {s['n']}, bias {1e3 * s['bias_mm']:+.1f} um, median |e| "
-              f"{1e3 * s['median_abs_mm']:.1f}, largest {1e3 * s['max_abs_mm']:.0f}, "
-              f"U {1e3 * s.get('mean_U_mm', 0):.0f} um, inside U {s.get('inside_U', 0):.1%}, "
-              f"mean |e|/U {s.get('mean_error_over_U', 0):.2f}")  # fmt: skip
-    if told["seconds_a_view"] is not None:
-        print(f"seconds a view   {told['seconds_a_view']:.2f} (median, with reading the part)")
-    for name, r in (rivals or {}).items():
-        if "why" in r:
-            print(f"{name:16} {r['why']}")
-        elif name == "ellipses" and r["n"]:
-            spread = f"{1e3 * r['median_abs_mm']:.1f}, largest {1e3 * r['max_abs_mm']:.0f}"
-            print(f"fitEllipse       n {r['n']}, bias {1e3 * r['bias_mm']:+.1f} um, |e| {spread}")
-        elif r["n"]:
-            print(f"{name:16} false FAIL {rate(*r['false_fail'])}, wrong PASS "
-                  f"{rate(*r['wrong_pass'])}, found in place {rate(*r['found'], low=True)}; line "
-                  f"{r['line']:.3g} chosen on {r['chosen_on']}")  # fmt: skip
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Arguments(__doc__)
     parser.add_argument("held", type=Path, nargs="?", metavar="HELD")
@@ -265,11 +208,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     outcomes = judge_all(held, args)
     told = summary(outcomes)
     rivals = None if args.no_rivals else judge_rivals(held, dev)
+    rows = [
+        {"what": name, **counts, "PASS below": upper_limit(counts["pass"], counts["n"])}
+        for name, counts in told["counts"].items()
+        if counts["n"]
+    ]
+    figures = {**told["sizes"], "s a view": told["seconds_a_view"], **(rivals or {})}
     if args.json:
-        print(json.dumps({**told, "rivals": rivals, "specimens": [asdict(o) for o in outcomes]}))
-    else:
-        print_tables(told, rivals)
-    return 0
+        figures["specimens"] = [asdict(o) for o in outcomes]
+    show(args, rows, figures)
+    counts = told["counts"]
+    return int(bool(counts["good"]["fail"] or counts["defect"]["pass"] or counts["trap"]["pass"]))
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from bench import Arguments, note, show
+from bench import ROOT, Arguments, note, show
 from bench_defects import (
     Array,
     Body,
@@ -51,7 +51,6 @@ from bench_defects import (
 from inspection_scenes import (
     HOLD_DEG,
     HOLD_MM,
-    ROOT,
     VIEW_DEG,
     VIEW_MM,
     Held,

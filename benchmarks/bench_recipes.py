@@ -12,12 +12,11 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
-from bench import Arguments, note, show
+from bench import ROOT, Arguments, note, show
 from inspection_scenes import (
     CELL,
     HOLD_DEG,
     HOLD_MM,
-    ROOT,
     VIEW_DEG,
     VIEW_MM,
     Held,

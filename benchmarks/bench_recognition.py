@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 from bench import ROOT, SHARED, Arguments, leave_out, note, show
+from known_parts import cad_files, read_mesh
 from recognition_judge import (
     Judge,
     Thing,
@@ -39,7 +40,6 @@ from recognition_judge import (
     read_things,
     reliability,
 )
-from recognition_parts import cad_files, read_mesh
 from recognition_runs import (
     Run,
     calibrate,

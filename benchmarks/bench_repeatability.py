@@ -21,11 +21,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from bench import Arguments, show
+from bench import ROOT, Arguments, show
 from inspection_scenes import (
     HOLD_DEG,
     HOLD_MM,
-    ROOT,
     VIEW_DEG,
     VIEW_MM,
     Held,
@@ -143,9 +142,7 @@ def spreads(cell: str, lines: list[Words]) -> list[Words]:
         for which in ("in_grasp", "with_regrasps"):
             known = [1000 * six[which]["value"] for six in mine if six.get(which)]
             row[f"{which}, median um"] = float(np.median(known)) if known else None
-            row["90 % um" if which == "in_grasp" else "90 % um "] = (
-                float(np.quantile(known, 0.9)) if known else None
-            )
+            row[f"{which}, 90 % um"] = float(np.quantile(known, 0.9)) if known else None
         rows.append(row)
     return rows
 

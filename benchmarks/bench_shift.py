@@ -18,7 +18,6 @@ Seeds below 900 are there to develop with.
 import contextlib
 import json
 import math
-import os
 import subprocess
 import sys
 import tempfile
@@ -31,12 +30,13 @@ from typing import Any
 
 import numpy as np
 from bench import ROOT, Arguments, show
+from inspection_truth import lower_limit
 from kill_world import ask
 from shift_parts import RECIPES, ShiftPart, is_on_table, make_parts, spots_for
 
 from controller.cell.control import AnswerOrder, ControlError, RunningCell
 from controller.cell.journal import JOURNAL_NAME, read_rows_named, rows
-from controller.results.takt import TaktGroup, Use, grouped, takt_json, takt_line, takts_of
+from controller.results.takt import grouped, takt_json, takt_line, takts_of
 
 AT_ONCE = 5
 LIMIT_WALL_S = 4 * 3600.0
@@ -44,7 +44,6 @@ FIRST_SERIAL = "SH001"
 ON_TABLE = ("no_part", "many_parts", "unknown_object", "part_cut_off", "wrong_part", "no_plan")
 MOST_CALLS = 20
 MOVED_MM = 3.0  # what was left alone may have been brushed by so much
-COMPUTING = (Use.RECOGNITION, Use.PLANNING, Use.EVALUATION)
 Words = dict[str, Any]
 
 
@@ -52,7 +51,7 @@ def run_beside(
     command: Sequence[str],
     log: Path,
     limit_wall_s: float,
-    person: Callable[[int, threading.Event], None],
+    person: Callable[[threading.Event], None],
 ) -> dict[str, Any]:
     """Make one run with `--json`, and let a person look at it and act all the while.
 
@@ -61,7 +60,7 @@ def run_beside(
     command : of the run
     log : file for what it prints as errors
     limit_wall_s : it is killed after so long
-    person : called in a thread of its own, with the run's process id and what is set at its end
+    person : called in a thread of its own, with what is set at its end
 
     Returns
     -------
@@ -75,7 +74,7 @@ def run_beside(
         )
     limit = threading.Timer(limit_wall_s, process.kill)
     limit.start()
-    beside = threading.Thread(target=person, args=(process.pid, has_ended))
+    beside = threading.Thread(target=person, args=(has_ended,))
     beside.start()
     assert process.stdout is not None
     for line in process.stdout:
@@ -109,7 +108,6 @@ class Shift:
         self.calls: list[str] = []  # what a person was asked
         self.taken_away: list[int] = []
         self.is_fed = False  # something was laid since the last answer
-        self.worker_s = (0.0, 0.0)  # on a processor, and waiting for one
         self.result: Words = {}
         self.labels: dict[int, tuple[str, str]] = {}
 
@@ -119,15 +117,8 @@ class Shift:
         command = [sys.executable, "-m", "controller.cli", "run"]
         command += [f"recipes/{name}.yaml={counts[name]}" for name in self.recipes if counts[name]]
         command += ["--serial-from", FIRST_SERIAL]
-        command += [
-            "--wait",
-            "--json",
-            "--speed",
-            f"{self.speed:g}",
-            "--seed",
-            str(self.seed),
-            "--empty",
-        ]
+        command += ["--wait", "--json", "--speed", f"{self.speed:g}", "--seed", str(self.seed)]
+        command += ["--empty"]
         command += ["--runs", str(self.runs), "--control", str(self.control)]
         return command
 
@@ -137,9 +128,8 @@ class Shift:
             self.command(), self.folder / "stderr.txt", LIMIT_WALL_S, self._feed_and_look
         )
 
-    def _feed_and_look(self, process_id: int, has_ended: threading.Event) -> None:
+    def _feed_and_look(self, has_ended: threading.Event) -> None:
         while not has_ended.wait(0.3):
-            self.worker_s = max(self.worker_s, processor_times(process_id))
             with contextlib.suppress(OSError, ValueError, KeyError):
                 truth = ask(self.control, "truth")
                 if truth["ok"]:
@@ -239,7 +229,6 @@ class Shift:
             rows.LoopLate.model_validate(row.body).longest_s
             for row in read_rows_named(self.runs / JOURNAL_NAME, [rows.LoopLate.row_name])
         ]
-        low, high = interval(good, len(each))
         return {
             "seed": self.seed,
             "speed": self.result.get("speed"),
@@ -250,7 +239,7 @@ class Shift:
             "defective": sum(bool(part.defect) for part in self.parts),
             "sorted_right": good,
             "sorted_right_share": round(good / len(each), 4),
-            "interval_95": [round(low, 3), round(high, 3)],
+            "at_least_95": round(lower_limit(good, len(each)), 3),
             "wrong_pass": sum(one["is_wrong_pass"] for one in each),
             # a number that two parts have is of the wrong one at least once
             "mixed_up": sum(one["is_mixed_up"] for one in each) + len(serials) - len(set(serials)),
@@ -260,13 +249,9 @@ class Shift:
             "calls": self.calls,
             "taken_away": self.taken_away,
             "takt": takt_json(group),
-            "worker_on_processor_s": round(self.worker_s[0], 1),
-            "worker_waited_for_one_s": round(self.worker_s[1], 1),
-            "busy_share_alone": busy_alone(group, *self.worker_s),
             "line": takt_line(group),
             "longest_late_s": max(late, default=0.0),
             "late_rows": len(late),
-            "load": [round(x, 1) for x in os.getloadavg()],
             "parts": each,
         }
 
@@ -302,39 +287,6 @@ def labels_of(journal: Path) -> dict[int, tuple[str, str]]:
         body = rows.PartIdentified.model_validate(row.body)
         found[row.part or 0] = (body.name, body.serial)
     return found
-
-
-def processor_times(process_id: int) -> tuple[float, float]:
-    """Return how long the workers of a run were on a processor, and waited for one [wall s]."""
-    on_s = waited_s = 0.0
-    for folder in Path(f"/proc/{process_id}/task").glob("*/children"):
-        for child in folder.read_text().split():
-            with contextlib.suppress(OSError):
-                if b"multiprocessing.spawn" in Path(f"/proc/{child}/cmdline").read_bytes():
-                    ran, waited, _ = Path(f"/proc/{child}/schedstat").read_text().split()
-                    on_s, waited_s = on_s + int(ran) * 1e-9, waited_s + int(waited) * 1e-9
-    return on_s, waited_s
-
-
-def busy_alone(group: TaktGroup, on_s: float, waited_s: float) -> float | None:
-    """Return the share of Execute that the arm would be busy, had the workers a processor each.
-
-    An estimate: what the arm waits for computing shrinks as the computing itself would.
-    """
-    if on_s <= 0.0 or group.execute_s <= 0.0:
-        return None
-    computing_s = sum(group.seconds[use] for use in COMPUTING)
-    rest_s = group.execute_s - computing_s * waited_s / (on_s + waited_s)
-    return round(group.busy_s / rest_s, 4)
-
-
-def interval(good: int, count: int) -> tuple[float, float]:
-    """Return the interval that holds the true share with 95 % (Wilson)."""
-    z = 1.96
-    share, n = good / count, float(count)
-    middle = (share + z * z / (2 * n)) / (1 + z * z / n)
-    half = z * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n)) / (1 + z * z / n)
-    return middle - half, middle + half
 
 
 def main() -> int:

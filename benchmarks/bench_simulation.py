@@ -1,4 +1,4 @@
-"""Whole cells in simulation: kills, faults by chance, every fault in every state, soak.
+"""Whole cells in simulation: kills, faults by chance, every fault in every state.
 
 The real controller and drivers on the emulated devices and world, in one process on one virtual
 clock (`simulation/`, ADR 36); no pictures are made. Each case is one seed, and one that fails
@@ -7,22 +7,16 @@ can be run again:
     python benchmarks/bench_simulation.py --kills 2000 --out kills.jsonl     goes on where it ends
     python benchmarks/bench_simulation.py --runs 1000 --fault-rate 0.05
     python benchmarks/bench_simulation.py --faults
-    python benchmarks/bench_simulation.py --soak 500     in one process: memory, objects, tasks
     python benchmarks/bench_simulation.py --kills 40 --only 12     seed 12 alone
 """
 
 import argparse
-import asyncio
-import contextlib
-import gc
 import json
 import logging
 import os
 import random
-import resource
 import sys
 import tempfile
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -31,8 +25,8 @@ from pathlib import Path
 from typing import Any
 
 from bench import Arguments, note, show
+from case_workers import Failed, Workers
 
-from benchmarks.case_workers import Failed, Workers
 from simulation.case import Case, Ended, Kill, run_case
 from simulation.cell import PLACES, Scene
 from simulation.faults import FAULTS, names_it
@@ -78,9 +72,6 @@ class Ran:
     extra: dict[str, float] = field(default_factory=dict)
 
 
-# --- cases ----------------------------------------------------------------------------------------
-
-
 def kill_cases(count: int, first: int, recovery: str) -> Iterator[tuple[str, Case]]:
     """Yield cases with one kill each, at a moment that the seed decides."""
     for seed in range(first, first + count):
@@ -103,9 +94,6 @@ def fault_cases(
             seed = first + number * len(STATES) + STATES.index(state)
             case = Case(seed, Scene(), fault=(name, state), before=BEFORE.get(state))
             yield f"fault/{name}/{state}/{first}", case
-
-
-# --- what became of them --------------------------------------------------------------------------
 
 
 def outcome_of(ended: Ended) -> str:
@@ -224,9 +212,6 @@ def name_of(scene: Scene) -> str:
     return f"{scene.recipe}/{scene.pose_index}/{scene.place}"
 
 
-# --- tables ---------------------------------------------------------------------------------------
-
-
 def summary(rans: Sequence[Ran]) -> dict[str, Any]:
     """Return the figures of one kind of cases."""
     rules = Counter(one.split(" at ")[0] for ran in rans for one in ran.violations)
@@ -243,65 +228,6 @@ def summary(rans: Sequence[Ran]) -> dict[str, Any]:
     }
 
 
-def soak(count: int, args: argparse.Namespace) -> dict[str, Any]:
-    """Work through many parts in one process; return what memory, descriptors and tasks do."""
-    marks: list[dict[str, float]] = []
-    rans = []
-    until_s = time.monotonic() + args.minutes * 60.0
-    for number, work in enumerate(run_cases(count, args.first, args.fault_rate)):
-        is_last = number == count - 1 or time.monotonic() > until_s
-        rans.append(run_one(work))
-        if number % max(1, count // 20) == 0 or is_last:
-            gc.collect()
-            marks.append(
-                {
-                    "parts": number + 1,
-                    "resident_mb": round(resident_mb(), 1),
-                    "objects": len(gc.get_objects()),
-                    "tasks": sum(isinstance(one, asyncio.Task) for one in gc.get_objects()),
-                    "threads": threading.active_count(),
-                    "processes": len(children()),
-                    "descriptors": len(list(Path("/proc/self/fd").iterdir())),
-                    "files_in_memory": sum(1 for _ in Path("/dev/shm").glob("cellctl-sim*")),
-                }
-            )
-            note(marks[-1])
-        if is_last:
-            break
-    # caches fill up at first: every scene comes once within the first quarter of a long soak
-    later = [mark for mark in marks if mark["parts"] >= len(rans) / 4]
-    growth: dict[str, float] = {}
-    for what in ("resident_mb", "objects"):
-        parts = later[-1]["parts"] - later[0]["parts"]
-        rise = later[-1][what] / later[0][what] - 1.0
-        growth[what] = round(100.0 * rise / parts * 100.0, 3) if parts else 0.0
-    return {
-        "parts": len(rans),
-        "outcomes": dict(Counter(ran.outcome for ran in rans)),
-        "growth_percent_per_100_parts": growth,
-        "first_and_last": {name: [later[0][name], later[-1][name]] for name in marks[0]},
-        "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
-        "marks": marks,
-    }
-
-
-def children() -> list[str]:
-    """Return the processes that this one has started and that still are."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):  # it has ended meanwhile
-            parent = path.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
-            if parent[1] == str(os.getpid()):
-                found.append(path.parent.name)
-    return found
-
-
-def resident_mb() -> float:
-    """Return the memory of this process now [MB]."""
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run what is asked for, print the tables."""
     parser = Arguments(__doc__, kills=2, first=101)
@@ -312,7 +238,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--faults", action="store_true", help="every fault in every state")
     parser.add_argument("--fault", choices=tuple(FAULTS), help="this fault alone")
     parser.add_argument("--state", choices=STATES, help="this state alone")
-    parser.add_argument("--soak", type=int, default=0, help="parts in one process")
     parser.add_argument("--first", type=int, default=1, help="first seed")
     parser.add_argument("--only", help="the case of this key or seed alone")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
@@ -342,8 +267,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             rans = run_all(cases, args)
             every += rans
             out[kind] = summary(rans)
-    if args.soak:
-        out["soak"] = soak(args.soak, args)
     columns = ("key", "scene", "outcome", "cell_s", "cpu_s", "ends", "message", "violations")
     show(args, [{name: getattr(ran, name) for name in columns} for ran in every], out)
     return int(any(ran.violations for ran in every))

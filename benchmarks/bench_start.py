@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 from bench import Arguments, show
 
@@ -64,7 +65,7 @@ def main() -> int:
     parser = Arguments(__doc__, repeat=1)
     parser.add_argument("--repeat", type=int, default=3)
     args = parser.parse_args()
-    rows = []
+    rows: list[dict[str, Any]] = []
     for call in CALLS:
         code, heavy = heavy_imports(*call)
         least_s = min(cpu_s(*call) for _ in range(args.repeat))

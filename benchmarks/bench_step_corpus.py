@@ -20,9 +20,8 @@ import sys
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from bench import Arguments, leave_out, note, show
+from bench import ROOT, Arguments, leave_out, note, show
 
-ROOT = Path(__file__).resolve().parents[1]
 CORPUS = Path(__file__).with_name("step_corpus.json")
 
 

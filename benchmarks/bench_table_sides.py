@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench import SHARED, Arguments, show
-from inspection_scenes import ROOT, Array, Station
+from bench import ROOT, SHARED, Arguments, show
+from inspection_scenes import Array, Station
 from recognition_symmetry import Surface
 
 from controller.cad.compiled import CompileOptions, load_part

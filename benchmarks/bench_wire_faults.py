@@ -1,13 +1,12 @@
 """One wrong byte at every place of whole sessions of the arm: what moved, what was said.
 
 python benchmarks/bench_wire_faults.py [--json] [--sample N] [--seed S] [--flips N] [--jobs N]
-    [--minutes M] | --cost | --noise [--sessions N] [--seed S] [--rate R]
+    [--minutes M] | --noise [--sessions N] [--seed S] [--rate R]
 
 Two sessions: cold open, moves of every axis, gripper, grip with a part, stops, park; and warm open,
 homing, a move. At every byte of both directions: bits flipped (by default one, by the seed; 8 for
 all), the byte lost, doubled, late by two amounts. Judged by the emulated motors. With --sample, so
 many faults drawn at random; with --minutes, as many as fit, in an order that the seed draws.
-With --cost, what connecting, homing and moves take without a fault, in exact cell time.
 With --noise, bursts of 1 to 5 random bytes in R of the gaps between exchanges, N sessions of each
 kind and direction with the seeds from S on; told apart by how many bursts a session had. One step
 of an axis (STEP_COUNTS) cannot be prevented, for the noise itself is the command: farther is bad.
@@ -16,25 +15,20 @@ not, or when a session did not end.
 """
 
 import argparse
-import asyncio
 import random
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Awaitable, Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
-from functools import partial
 from typing import Any
 
-import numpy as np
 from bench import Arguments, show
-from test_umi_over_pty import random_targets
 from umi_line_faults import (
     LineFault,
     Noise,
     Result,
-    Session,
     SessionName,
     Way,
     faults_at,
@@ -42,44 +36,11 @@ from umi_line_faults import (
     run_session,
 )
 
-from drivers.umi_scara import Axis, UmiScara, kinematics
-from drivers.umi_scara.model.kinematics import COUNTS_ORDER
-
 # Largest way of one interpolation command, which moves without an order to go: umi_rtx.md 2.7.
 STEP_COUNTS = 8.0
 WAYS: tuple[Way, ...] = ("to the arm", "from the arm")
 SESSIONS: tuple[SessionName, ...] = ("moves", "homing")
 Case = tuple[SessionName, LineFault]
-
-
-async def cost() -> list[dict[str, Any]]:
-    """Return cell seconds and exchanges of verbs on a line without faults, from a cold arm."""
-    session = Session()
-    arm = UmiScara(lambda: session.line, clock=session.clock)
-    rows = []
-
-    async def take(what: str, *verbs: Callable[[], Awaitable[object]]) -> None:
-        began_s, count = session.clock.now_s(), session.line.exchange_count
-        for verb in verbs:
-            await verb()
-        rows.append(
-            {
-                "what": what,
-                "cell_s": round(session.clock.now_s() - began_s, 2),
-                "exchanges": session.line.exchange_count - count,
-            }
-        )
-
-    await take("connect", arm.connect)
-    await take("power", arm.enable_power)
-    await take("home", arm.home)
-    rng = np.random.default_rng(1)
-    counts = [random_targets(rng) for _ in range(10)]
-    joints = [kinematics.counts_to_q([one[axis] for axis in COUNTS_ORDER]) for one in counts]
-    await take("10 moves of 6 axes", *(partial(arm.move_joints, q) for q in joints))
-    await take("a move of 1 axis", partial(arm.move_counts, {Axis.SHOULDER: 0}))
-    await take("jaws to 40 mm", partial(arm.move_gripper_mm, 40.0))
-    return rows
 
 
 def every_place(clean: dict[SessionName, Result], flip_count: int, seed: int) -> Iterator[Case]:
@@ -201,17 +162,12 @@ def main() -> int:
     parser.add_argument("--flips", type=int, default=1, help="bits flipped per byte (default: 1)")
     parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="time to stop after")
-    parser.add_argument("--cost", action="store_true", help="time of verbs without a fault")
     parser.add_argument("--noise", action="store_true", help="random bytes between exchanges")
     parser.add_argument("--sessions", type=int, default=50, help="with --noise (default: 50)")
     parser.add_argument("--rate", type=float, default=0.0003, help="of gaps with noise")
     args = parser.parse_args()
     if args.noise:
         return noise(args)
-    if args.cost:
-        rows = asyncio.run(cost())
-        show(args, rows, {})
-        return 0
     began_s = time.perf_counter()
     with quiet():
         clean = {name: run_session(name) for name in SESSIONS}

@@ -6,7 +6,6 @@ cell's nominal data, and the pose and the hold with errors as an arm and a gripp
 
 import itertools
 import os
-import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,12 +14,11 @@ from types import MappingProxyType
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
 
 import cv2  # noqa: E402  (threads and path come first)
 import numpy as np  # noqa: E402
 import trimesh  # noqa: E402
+from bench import EMULATED  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
 from controller.cad import Solid, SurfaceSamples, load_solid, sample_surface  # noqa: E402
@@ -42,7 +40,7 @@ from emulators.world.pictures.picture import Eye  # noqa: E402
 from emulators.world.pictures.sensor import Exposure, blurred, develop  # noqa: E402
 
 Array = NDArray[np.float64]
-CELL = ROOT / "recipes" / "cells" / "emulated.yaml"
+CELL = EMULATED
 STATION = 1  # the camera's number
 HOLD_MM, HOLD_DEG = 0.8, 0.8  # how a grip differs from the plan, one standard deviation
 VIEW_MM, VIEW_DEG = 0.1, 0.08  # how the arm differs from view to view

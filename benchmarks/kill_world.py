@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[1]
-EMULATED = ROOT / "recipes" / "cells" / "emulated.yaml"
+from bench import EMULATED, ROOT
+
 STILL_S = 2.0  # of the world without any motion
 # which events of the world let a part go
 LET_GO = ("released", "lost")

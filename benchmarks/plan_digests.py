@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from enum import Enum
 
 import numpy as np
-from bench import ROOT, Arguments, note, show
+from bench import EMULATED, ROOT, Arguments, note, show
 
 from controller.cad import StablePose
 from controller.cad.compiled import load_part
@@ -102,7 +102,7 @@ def digests(name: str, *, numbers: bool = False) -> dict[str, object]:
     """Return the digests of one recipe's plans, and what they took."""
     recipe = load_recipe(ROOT / "recipes" / f"{name}.yaml")
     part = load_part(*part_files(recipe)[0])
-    setup = planner_setup(recipe, load_cell(ROOT / "recipes" / "cells" / "emulated.yaml"), part)
+    setup = planner_setup(recipe, load_cell(EMULATED), part)
     begin = time.process_time()
     prepared = prepare_part(part.solid, part.chosen_by, setup.layout, setup.options, part.samples)
     prepare_s = time.process_time() - begin

@@ -12,16 +12,15 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from recognition_parts import cad_files
+from bench import ROOT
+from known_parts import cad_files
 
-ROOT = Path(__file__).resolve().parents[1]
 CELLCTL = (sys.executable, "-m", "controller.cli")
 TIMEOUT_S = 3600.0
 
@@ -33,59 +32,35 @@ class Run:
     Attributes
     ----------
     lines : the answers, as printed
-    wall_s : of the whole process; start_s : until its first answer, reading the parts included
-    picture_s : by picture, from the answer before to its own last one; not of the first picture
     peak_mb : largest resident memory
-    cpu_s : time of cores it used up, which others on the machine do not lengthen
     error : what it said if it ended with an exit code that is no answer, else ""
     """
 
     lines: list[dict[str, Any]]
-    wall_s: float
-    start_s: float
-    picture_s: dict[str, float]
     peak_mb: float
-    cpu_s: float
     error: str = ""
 
 
-@dataclass(slots=True)
-class _Told:
-    lines: list[dict[str, Any]] = field(default_factory=list)
-    first_s: float | None = None
-    last_s: dict[str, float] = field(default_factory=dict)
-
-
-def run(
-    command: Sequence[str],
-    *,
-    one_core: bool,
-    checkout: Path = ROOT,
-    environment: dict[str, str] | None = None,
-) -> Run:
+def run(command: Sequence[str], *, one_core: bool, checkout: Path = ROOT) -> Run:
     """Run a command that prints answers, and return them with what they took.
 
     Parameters
     ----------
     one_core : the process may use one core only, the last of those there are
     checkout : whose code is run
-    environment : set beside the present one
     """
-    cores = os.sched_getaffinity(0)
     before: Callable[[], None] | None = None
     if one_core:
-        core = max(cores)
+        core = max(os.sched_getaffinity(0))
 
         def before() -> None:
             os.sched_setaffinity(0, {core})
 
-    told = _Told()
     with tempfile.TemporaryFile("w+") as complaints:
-        begin = time.perf_counter()
         process = subprocess.Popen(
             list(command),
             cwd=checkout,
-            env=os.environ | {"PYTHONPATH": str(checkout)} | (environment or {}),
+            env=os.environ | {"PYTHONPATH": str(checkout)},
             stdout=subprocess.PIPE,
             stderr=complaints,
             text=True,
@@ -95,42 +70,27 @@ def run(
         watch.start()
         try:
             assert process.stdout is not None
-            for line in process.stdout:
-                _take(line, time.perf_counter() - begin, told)
+            lines = [body for line in process.stdout if (body := _answer(line)) is not None]
             process.stdout.close()
             # wait4 tells this child's memory alone, getrusage that of the largest one so far
             _, status, usage = os.wait4(process.pid, 0)
         finally:
             watch.cancel()
-        wall_s = time.perf_counter() - begin
         process.returncode = os.waitstatus_to_exitcode(status)
         complaints.seek(0)
         said = complaints.read().strip()
     error = "" if process.returncode in (0, 1) else f"exit {process.returncode}: {said[-2000:]}"
-    if process.returncode == 1 and not told.lines and said:
+    if process.returncode == 1 and not lines and said:
         error = f"exit 1 without an answer: {said[-2000:]}"
-    ends = list(told.last_s.items())
-    pictures = {name: at - ends[k][1] for k, (name, at) in enumerate(ends[1:])}
-    return Run(
-        told.lines,
-        wall_s,
-        wall_s if told.first_s is None else told.first_s,
-        pictures,
-        usage.ru_maxrss / 1024,
-        usage.ru_utime + usage.ru_stime,
-        error,
-    )
+    return Run(lines, usage.ru_maxrss / 1024, error)
 
 
-def _take(line: str, at_s: float, told: _Told) -> None:
+def _answer(line: str) -> dict[str, Any] | None:
     try:
         body = json.loads(line)
     except ValueError:
-        return
-    if isinstance(body, dict) and "image" in body:
-        told.lines.append(body)
-        told.first_s = at_s if told.first_s is None else told.first_s
-        told.last_s[body["image"]] = at_s
+        return None
+    return body if isinstance(body, dict) and "image" in body else None
 
 
 def recognise_command(

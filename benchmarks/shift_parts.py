@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from bench import ROOT
 from bench_defects import as_body, as_mesh
 from inspection_scenes import Held
 from manifold3d import Manifold
@@ -21,7 +22,6 @@ from controller.setup.faces import faces_left_out
 
 Array = NDArray[np.float64]
 
-ROOT = Path(__file__).parents[1]
 RECIPES = ("holder", "idler_riser", "featuretype", "flange_xy")
 STRANGERS = ("tee_bracket", "v_block")
 STRANGER_SHARE, DEFECT_SHARE = 0.03, 0.05

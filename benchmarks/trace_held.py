@@ -37,12 +37,11 @@ from typing import Any
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[_name] = "1"
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 import cv2  # noqa: E402  (threads and path come first)
 import numpy as np  # noqa: E402
 import trimesh  # noqa: E402
+from bench import ROOT, SHARED  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 from trace_held_defects import (  # noqa: E402
     DEFECTS,
@@ -82,7 +81,7 @@ from trace_held_parts import (  # noqa: E402
     write_stl,
 )
 from trace_held_sensor import IN_FRONT, TRAPS, develop, draw_sensor, exposures  # noqa: E402
-from trace_scene import NoTracerError, tracer  # noqa: E402
+from trace_scene import NoTracerError, tracer, write_atomically  # noqa: E402
 
 from controller.cad import CadError  # noqa: E402
 
@@ -93,7 +92,6 @@ Body = Any  # manifold3d's solid
 HELD_OUT = 100_001  # the first seed of the side that nobody tunes on
 ORDER = "GDGDTDGDGDTD"  # good, defect, trap: twelve specimens
 GOOD = ("as_built", "as_built", "as_built", "perfect")
-SHARED = ROOT.parent / "shared" / "parts"
 OURS = ROOT / "benchmarks" / "parts"
 FAMILIES = {False: ("plate", "bracket", "hub"), True: ("step_block", "fork", "cover")}
 FILES = {
@@ -108,8 +106,8 @@ FILES = {
         OURS / "l_profile.csg.yaml",
         OURS / "wedge_block.csg.yaml",
         OURS / "lever.csg.yaml",
-        SHARED / "angle_block.stl",
-        SHARED / "cycloidal_gear.stl",
+        SHARED / "parts" / "angle_block.stl",
+        SHARED / "parts" / "cycloidal_gear.stl",
     ),
 }
 FROM_FILE = 0.25  # share of specimens
@@ -528,13 +526,6 @@ def rounded(T: Array, digits: int = 7) -> list[list[float]]:
     return out
 
 
-def write_atomically(path: Path, text: str) -> None:
-    """Write so that a reader sees the old or the new file, never half of one."""
-    partial = path.with_suffix(".partial")
-    partial.write_text(text)
-    partial.replace(path)
-
-
 def write_pictures(folder: Path, pictures: Sequence[Mapping[str, NDArray[np.uint8]]]) -> None:
     """Write the pictures of a set, view by view, named as its SET.json names them."""
     for view, lamps in enumerate(pictures):
@@ -575,11 +566,14 @@ class Folder:
     def name(number: int) -> str:
         return f"s{number + 1:04d}"
 
+    def specimen(self, number: int) -> Specimen:
+        """Return one specimen, not traced yet."""
+        return Specimen(self.seed + number, *kind_of(number))
+
     def add(self, number: int) -> None:
         """Make one specimen."""
         start = time.perf_counter()
-        cls, kind = kind_of(number)
-        specimen = Specimen(self.seed + number, cls, kind)
+        specimen = self.specimen(number)
         pictures, shows = specimen.trace()
         folder = self.path / self.name(number)
         folder.mkdir(exist_ok=True)
@@ -588,24 +582,17 @@ class Folder:
         write_atomically(folder / "SET.json", json.dumps(specimen.set_words(part)))
         seconds = round(time.perf_counter() - start, 1)
         words = {"specimen": self.name(number), **specimen.truth_words(shows), "render_s": seconds}
-        others = [s for s in self.truth["specimens"] if s["specimen"] != self.name(number)]
-        every = [*others, {**words, "tracer": TRACER}]
+        every = [*self.truth["specimens"], {**words, "tracer": TRACER}]
         self.truth["specimens"] = sorted(every, key=lambda s: str(s["specimen"]))
         self.done.add(self.name(number))
         write_atomically(self.file, json.dumps(self.truth))
         seen = (
             f"{len(words['visible_views'])} of {len(shows)} views show it"
-            if cls == "defect"
+            if specimen.cls == "defect"
             else ""
         )
-        print(f"{self.path.name} {self.name(number)} {kind:16} {specimen.part.name:18} "
+        print(f"{self.path.name} {self.name(number)} {specimen.kind:16} {specimen.part.name:18} "
               f"{specimen.material['kind']:9} {seconds:5.1f} s  {seen}", flush=True)  # fmt: skip
-
-    def oldest(self) -> int | None:
-        """Return the number of a specimen that an older tracer made, good ones first."""
-        old = [s for s in self.truth["specimens"] if s.get("tracer", 1) < TRACER]
-        old.sort(key=lambda s: (s["cls"] != "good", s["specimen"]))
-        return int(old[0]["specimen"][1:]) - 1 if old else None
 
     def add_golden(self) -> bool:
         """Add golden views to the first specimen without; return False where all have them."""
@@ -647,7 +634,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("folders", nargs="+", metavar="FOLDER=SEED", help="filled in turn")
     parser.add_argument("--count", type=int, default=12, help="specimens a folder")
     parser.add_argument("--until", help="HH:MM; no specimen is begun later")
-    parser.add_argument("--again", action="store_true", help="trace what an older tracer made")
     parser.add_argument("--golden", action="store_true", help="add golden views, for rivals")
     args = parser.parse_args(argv)
     cv2.setNumThreads(1)
@@ -657,12 +643,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         for word in args.folders:
             path, _, seed = word.rpartition("=")
             folders.append(Folder(Path(path), int(seed)))
-        while args.again and not is_late(args.until):
-            old = [(folder, n) for folder in folders if (n := folder.oldest()) is not None]
-            if not old:
-                break
-            for folder, number in old:
-                folder.add(number)
         while any(f.next_number() < args.count for f in folders) and not is_late(args.until):
             folder = min(folders, key=Folder.next_number)
             folder.add(folder.next_number())

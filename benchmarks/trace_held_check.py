@@ -10,19 +10,15 @@ tracer's) project the ball's circle of tangency and the plate's straight edges.
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+import cv2
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from trace_held_light import Sight, Thing, trace_view
+from trace_held_parts import rod, triangles_of
 
-import cv2  # noqa: E402  (path comes first)
-import numpy as np  # noqa: E402
-import trimesh  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
-from trace_held_light import Sight, Thing, trace_view  # noqa: E402
-from trace_held_parts import rod, triangles_of  # noqa: E402
-
-from controller.imaging import Camera  # noqa: E402
+from controller.imaging import Camera
 
 Array = NDArray[np.float64]
 

@@ -25,8 +25,7 @@ own light is the same in all of them. `cellctl recognise --lamps 3` judges them 
 the picture's edge cuts them (`trace_touching`), `--scene overlapping` lets some of two to six fall
 on others (`trace_overlapping`); of these truth.json also has the `free_share`.
 `--camera` takes the `camera` of another truth.json; `--small` traces a quarter of the rays and
-writes only the small pictures. `--edges` measures instead of tracing: how far edges in FOLDER's
-unsaturated backlit pictures lie off the true outline.
+writes only the small pictures.
 
 The tracer is mitsuba, no dependency of the project: pip install mitsuba, apt install libllvm19.
 From the project it takes the CAD room only (solids, stable poses, the camera model): it has to
@@ -46,8 +45,6 @@ from pathlib import Path
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[_name] = "1"
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 import cv2  # noqa: E402  (threads and path come first)
 import numpy as np  # noqa: E402
@@ -61,13 +58,18 @@ from trace_placing import (  # noqa: E402
     camera_words,
     put_down,
     read_part,
-    turn,
 )
-from trace_scene import Body, NoTracerError, PixelRays, radiance, tracer  # noqa: E402
+from trace_scene import (  # noqa: E402
+    Body,
+    NoTracerError,
+    PixelRays,
+    radiance,
+    tracer,
+    write_atomically,
+)
 from trace_touching import put_touching  # noqa: E402
 
-from controller.cad import CadError, outline  # noqa: E402
-from controller.imaging import Camera  # noqa: E402
+from controller.cad import CadError  # noqa: E402
 
 Array = NDArray[np.float64]
 
@@ -229,58 +231,6 @@ def digitised(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return out
 
 
-def edge_bias_px(
-    picture: NDArray[np.uint8], objects: Sequence[Truth], parts: dict[str, Part], camera: Camera
-) -> Array:
-    """Return how far outside the true outline the grey half way to the table lies (n,) [px].
-
-    Every 3 px along the outline, away from its corners, where both sides are even.
-    """
-    reach = np.arange(-5.0, 5.01, 0.1)
-    out: list[float] = []
-    for words in objects:
-        solid = parts[words["part"]].solid
-        T = np.eye(4)
-        T[:3, :3] = turn(words)
-        T[:3, 3] = [words["x_mm"], words["y_mm"], words["centroid_height_mm"]]
-        T[:3, 3] -= T[:3, :3] @ solid.centroid_mm
-        for loop in outline(solid, T, camera).loops:
-            points = _every(loop.points, 3.0)
-            ahead, behind = (
-                np.roll(points, -2, axis=0) - points,
-                points - np.roll(points, 2, axis=0),
-            )
-            length = np.linalg.norm(ahead, axis=1) * np.linalg.norm(behind, axis=1)
-            is_straight = (ahead * behind).sum(axis=1) > 0.995 * length
-            if not is_straight.any():
-                continue
-            across = (ahead + behind)[is_straight][:, ::-1] * [1.0, -1.0]
-            across /= np.linalg.norm(across, axis=1, keepdims=True)
-            where = points[is_straight][:, None] + reach[:, None] * across[:, None]
-            u, v = np.moveaxis(where.astype(np.float32), 2, 0)
-            grey = cv2.remap(picture.astype(np.float32), u, v, cv2.INTER_CUBIC)
-            for row in grey if grey[:, -1].mean() > grey[:, 0].mean() else grey[:, ::-1]:
-                low, high = row[:15].mean(), row[-15:].mean()
-                if high - low > 60 and max(np.ptp(row[:30]), np.ptp(row[-30:])) < 12:
-                    out.append(float(np.interp((low + high) / 2, row, reach)))
-    return np.array(out)
-
-
-def _every(ring: Array, step_px: float) -> Array:
-    """Return points (n, 2) at even steps along a closed polygon (m, 2)."""
-    closed = np.vstack([ring, ring[:1]])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    at = np.linspace(0.0, along[-1], max(8, int(along[-1] / step_px)), endpoint=False)
-    return np.column_stack([np.interp(at, along, closed[:, i]) for i in (0, 1)])
-
-
-def write_atomically(path: Path, text: str) -> None:
-    """Write so that a reader sees the old or the new file, never half of one."""
-    partial = path.with_suffix(".partial")
-    partial.write_text(text)
-    partial.replace(path)
-
-
 def make_pictures(
     index: int,
     args: argparse.Namespace,
@@ -372,30 +322,8 @@ def trace_all(args: argparse.Namespace) -> None:
         print(f"{first['image']} {first['mode']:5} {seconds:5.1f} s  {names}", flush=True)
 
 
-def tell_edges(args: argparse.Namespace) -> None:
-    """Print how far edges lie off in the unsaturated backlit pictures of FOLDER."""
-    truth = json.loads((args.output / "truth.json").read_text())
-    camera = camera_of(truth["camera"])
-    parts = {part.solid.name: part for part in map(read_part, [*args.parts, *args.unknown])}
-    every: list[Array] = []
-    for entry in truth["images"]:
-        if entry["mode"] != "back" or entry["light"]["glow"] > 0.95:
-            continue
-        picture = cv2.imread(str(args.output / entry["image"]), cv2.IMREAD_GRAYSCALE)
-        if picture is None or not all(o["part"] in parts for o in entry["objects"]):
-            continue
-        off = edge_bias_px(picture, entry["objects"], parts, camera)
-        if len(off):
-            every.append(off)
-            spread = f"{np.median(off):+.3f}, 90 % within {np.percentile(abs(off), 90):.3f} px"
-            print(f"{entry['image']}: {len(off):4d} edges, middle {spread}")
-    off = np.concatenate(every) if every else np.zeros(0)
-    if len(off):
-        print(f"all: {len(off)} edges, middle {np.median(off):+.3f}, mean {off.mean():+.3f} px")
-
-
 def main(argv: Sequence[str] | None = None) -> int:
-    """Parse, trace or measure, and turn an error into one sentence."""
+    """Parse, trace, and turn an error into one sentence."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("parts", nargs="+", type=Path, help="CAD files of the catalogue")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
@@ -411,11 +339,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--wide", action="store_true", help="more kinds of surfaces and lamps")
     parser.add_argument("--lamps", type=int, default=1, help="pictures of a front-lit scene")
     parser.add_argument("--small", action="store_true", help="small pictures only, fewer rays")
-    parser.add_argument("--edges", action="store_true", help="measure FOLDER instead of tracing")
     args = parser.parse_args(argv)
     cv2.setNumThreads(1)
     try:
-        tell_edges(args) if args.edges else trace_all(args)
+        trace_all(args)
     except (NoTracerError, NoRoomError, CadError, OSError) as error:
         print(f"trace_pictures: {error}", file=sys.stderr)
         return 2

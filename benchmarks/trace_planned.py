@@ -17,7 +17,6 @@ some five minutes a piece of seventeen views.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,24 +26,21 @@ from typing import Any
 import cv2
 import numpy as np
 from trace_held import HAND_LOOK, MIN_SHOWN_PX, Array, Body, Words, draw_look, rounded
-from trace_held_defects import NoPlaceError
-from trace_held_hold import Box, Grasp, NoHoldError, View, disturbed
+from trace_held_hold import Box, Grasp, View, disturbed
 from trace_held_light import LAMPS, Seen, Sight, Thing, changed_px, trace_view
 from trace_held_parts import NOMINAL_SAG_MM, HeldPart, drawn, write_stl
 from trace_held_sensor import develop, draw_sensor, exposures
-from trace_scene import NoTracerError, tracer
-from trace_series import Piece, Series
+from trace_series import Piece, Series, trace
 
-from controller.cad import CadError
 from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
 from controller.cell.services.views.part_file import box_section, camera_section, pose_rows
-from controller.config import EMULATED_CELL, Cell, ConfigError, load_cell, load_recipe
+from controller.config import EMULATED_CELL, Cell, load_cell, load_recipe
 from controller.config.cell import CameraSection, LampSection
 from controller.config.view_set import SCHEMA, SetView, ViewSetFile, packed
 from controller.imaging import inverse_pose
 from controller.inspection import MEASURED_HOLD, WorldBox
 from controller.interface import plan_part
-from controller.planning import Look, NoPlanError, Plan, Present
+from controller.planning import Look, Plan, Present
 from controller.setup.holder import holder_boxes
 from controller.setup.layout import build_layout
 from controller.setup.optics import build_camera, light_of, table_light
@@ -345,30 +341,11 @@ class PlannedSeries(Series):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Parse, trace, and turn an error into one sentence."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folders", nargs="+", metavar="FOLDER=PART:SEED", help="filled in turn")
-    parser.add_argument("--good", type=int, default=2, help="good pieces a folder")
-    parser.add_argument("--defects", type=int, default=4, help="pieces with one defect")
-    parser.add_argument("--until", help="HH:MM; no piece is begun later")
-    args = parser.parse_args(argv)
-    cv2.setNumThreads(1)
-    try:
-        tracer()
-        for word in args.folders:
-            path, _, rest = word.rpartition("=")
-            part, _, seed = rest.partition(":")
-            one = PlannedSeries(Path(path), part, int(seed), args.good)
-            print(f"{one.path.name}: {part}, {len(one.base.views)} views, "
-                  f"{100 * one.base.coverage:.0f} % in sight", flush=True)  # fmt: skip
-            one.fill(args.good + args.defects, args.until)
-    except (
-        NoTracerError, NoHoldError, NoPlaceError, NoPlanError, CadError, ConfigError, OSError,
-        ValueError,
-    ) as error:  # fmt: skip
-        print(f"trace_planned: {error}", file=sys.stderr)
-        return 2
-    return 0
+    def series(path: Path, rest: str, good: int) -> PlannedSeries:
+        part, _, seed = rest.partition(":")
+        return PlannedSeries(path, part, int(seed), good)
+
+    return trace(__doc__ or "", "FOLDER=PART:SEED", series, argv, counts="2 4")
 
 
 if __name__ == "__main__":

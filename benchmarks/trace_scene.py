@@ -413,3 +413,10 @@ def _mesh(
     values["faces"] = np.arange(3 * count, dtype=np.uint32)
     values.update()
     return mesh
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write so that a reader sees the old or the new file, never half of one."""
+    partial = path.with_suffix(".partial")
+    partial.write_text(text)
+    partial.replace(path)

