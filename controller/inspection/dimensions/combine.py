@@ -8,13 +8,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from statistics import NormalDist
 from typing import Final
 
 import numpy as np
 
 from controller.arrays import FloatArray
 
-from ..characteristics import Characteristic, Look
+from .._types import Verdict
+from ..characteristics import Characteristic, Look, verdict_of
 from ._looks import (
     BLUR,
     FACETS,
@@ -32,6 +34,7 @@ from ._types import BACKLIT, MeasuringSettings
 
 DISAGREES: Final = "disagrees with the other looks"
 COVERAGE: Final = 2.0  # coverage factor k
+NOT_COVERED: Final = 1.0 - NormalDist().cdf(COVERAGE)  # on either side
 MAX_DROPPED: Final = 1 / 3  # largest share of looks that may disagree with all others
 NAMED: Final = 2  # largest number of named reasons; more would only repeat them
 
@@ -95,13 +98,15 @@ def combine(
     for i, reason in whole.dropped:
         if whole.is_direct:
             looks[i] = replace(looks[i], reason=reason)
+    U = COVERAGE * u
     reason = whole.reason
+    if not characteristic.is_critical and verdict_of(characteristic, value, U) is Verdict.PASS:
+        reason = ""  # whichever look is right, the value is within its limits
     if characteristic.is_critical and not reason and not whole.is_twice:
         reason = "one look only, two independent ones are required"
     is_disputed = bool(reason)
     if part and not reason:
         reason = f"{part} of its edge to decide: {_why_none(looks)}"
-    U = COVERAGE * u
     return Combined(
         value, U, reason, bool(reason), is_disputed, whole.views, tuple(looks), whole.is_sure
     )
@@ -170,14 +175,15 @@ def _chosen(
         return None
     count = len(good)
     dropped: list[tuple[int, str]] = []
-    reason, scale = "", 1.0
+    reason = ""
     while len(good) > 1:
-        worst, off, allowed = _worst([estimates[i] for i in good])
+        against = _against_others([estimates[i] for i in good])
+        worst = int(np.argmax([off / allowed for off, allowed in against]))
+        off, allowed = against[worst]
         if off <= allowed:
             break
         if len(good) == 2 or len(dropped) + 1 > MAX_DROPPED * count:
             reason = f"looks disagree by {off:.3f} mm, their uncertainties allow {allowed:.3f} mm"
-            scale = off / allowed  # they are less sure than they say, by the Birge ratio
             break
         why = f"{DISAGREES} by {off:.3f} mm, {allowed:.3f} mm is explained"
         dropped.append((good.pop(worst), why))
@@ -195,7 +201,9 @@ def _chosen(
     if (not is_sure or any(e.is_part for e in used)) and LIGHT in shares:
         # Nothing confirms that the edge under the lamp belongs to the part and not to its shadow.
         shares[LIGHT] = shares[LIGHT] * settings.unconfirmed_light**2
-    shares = {name: share * scale**2 for name, share in shares.items()}
+    if reason:
+        scale = max(1.0, _reach(used, vector) ** 2 / _largest(_total(shares)))
+        shares = {name: share * scale for name, share in shares.items()}
     views = tuple(dict.fromkeys(e.look.view_id for e in used))
     return _Mean(vector, shares, reason, is_twice, is_proven, True, views, tuple(dropped))
 
@@ -284,10 +292,12 @@ def _largest(covariance: FloatArray) -> float:
     return max(largest_eigenvalue(covariance), 0.0)
 
 
-def _worst(used: Sequence[Estimate]) -> tuple[int, float, float]:
-    """Return the look farthest from the others, its distance, and the limit [mm]."""
+def _against_others(used: Sequence[Estimate]) -> list[tuple[float, float]]:
+    """Return each look's distance from the mean of the others, and what is explained [mm]."""
     weight = np.array([1.0 / e.look.u_mm**2 for e in used])
     vectors = np.array([e.vector_mm for e in used])
+    # of n looks the worst counts: each is asked at a share of what a single pair would be
+    k = COVERAGE if len(used) == 2 else NormalDist().inv_cdf(1.0 - NOT_COVERED / len(used))
     answers = []
     for i, one in enumerate(used):
         rest = weight.copy()
@@ -296,9 +306,8 @@ def _worst(used: Sequence[Estimate]) -> tuple[int, float, float]:
         off = float(np.linalg.norm(one.vector_mm - mean))
         # The mean of the others is no better than the best of them, since they share errors.
         best = min(e.look.u_mm for k, e in enumerate(used) if k != i)
-        answers.append((off, COVERAGE * float(np.hypot(one.look.u_mm, best))))
-    index = int(np.argmax([off / allowed for off, allowed in answers]))
-    return index, *answers[index]
+        answers.append((off, k * float(np.hypot(one.look.u_mm, best))))
+    return answers
 
 
 def _beside(
@@ -354,6 +363,22 @@ def _is_outvoted(
         not _are_apart(one.vector_mm, other.vector_mm, one.look.u_mm, other.look.u_mm)
         for i, one in enumerate(against)
         for other in against[:i]
+    )
+
+
+def _reach(used: Sequence[Estimate], vector_mm: FloatArray) -> float:
+    """Return the standard uncertainty that covers the looks that disagree with the others [mm].
+
+    Whichever of them is right, its value lies within.
+
+    Parameters
+    ----------
+    used, vector_mm : looks that disagree, and their mean
+    """
+    return max(
+        float(np.linalg.norm(e.vector_mm - vector_mm)) / COVERAGE + e.look.u_mm
+        for e, (off, allowed) in zip(used, _against_others(used), strict=True)
+        if off > allowed
     )
 
 
