@@ -40,7 +40,7 @@ from controller.setup.drivers import require_drivers
 from controller.setup.optics import build_camera
 from controller.setup.planner import planner_setup
 from controller.setup.samples import sampled_for
-from controller.stored import Judging, compiled_part, judge_views, read_pictures
+from controller.stored import compiled_part, judge_views, judging_of, read_pictures
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.kinds import Arm, Camera, FixedGripper, IoBlock, LampUnit
@@ -302,7 +302,7 @@ def judge_pictures(view_set: FileName, *, recipe: FileName | None = None) -> Par
     Parameters
     ----------
     view_set : file of the form that docs/inspect.md describes, as a run writes it for each part
-    recipe : recipe with the limits (default: a recipe's default limits)
+    recipe : recipe with the limits (default: the set's own, else a recipe's default limits)
 
     Raises
     ------
@@ -310,9 +310,7 @@ def judge_pictures(view_set: FileName, *, recipe: FileName | None = None) -> Par
     """
     path = Path(view_set)
     file = load_view_set(path)
-    rules = None if recipe is None else load_recipe(Path(recipe))
-    learned = file.learned if rules is None else rules.inspection.learned
-    by = Judging(rules, Path(recipe or path), path, learned)
+    by = judging_of(path, file, None if recipe is None else Path(recipe))
     return judge_views(file, compiled_part(path, file), read_pictures(path, file), by)
 
 

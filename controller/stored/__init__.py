@@ -10,6 +10,7 @@ from .judging import (
     compiled_part,
     judge_ahead,
     judge_views,
+    judging_of,
     learned_for,
     read_pictures,
 )
@@ -32,6 +33,7 @@ __all__ = [
     "json_lines",
     "judge_ahead",
     "judge_views",
+    "judging_of",
     "learned_for",
     "lines_digest",
     "read_learned",

@@ -1,16 +1,16 @@
 """Inspection of the part in a set of views, under a recipe."""
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Final
 
 from controller.arrays import BoolArray, Grey
-from controller.cad.compiled import CompiledPart, load_part, options_among
+from controller.cad.compiled import CompiledPart, load_part, options_among, part_name
 from controller.cad.reading import digests_of
-from controller.config import ConfigError, Recipe, split_cad
+from controller.config import ConfigError, Recipe, find_recipe, load_recipe, split_cad
 from controller.config.cad_files import MAX_CAD_BYTES, STEP_FORMATS, cad_identity
 from controller.config.files import read_bytes
 from controller.config.view_set import ViewSetFile
@@ -65,6 +65,45 @@ class Judging:
     path: Path
     set_path: Path
     learned: Path | None = None
+
+
+def judging_of(
+    set_path: Path,
+    file: ViewSetFile,
+    recipe_path: Path | None,
+    learned: Path | None = None,
+    warn: Callable[[str], None] = lambda _: None,
+) -> Judging:
+    """Return the basis that a set is judged on: the recipe named, else the set's own.
+
+    Parameters
+    ----------
+    set_path : the set
+    file : its content
+    recipe_path : a recipe file, or the name of a recipe that comes with cellctl
+    learned : file of what good parts look like; None for the recipe's
+    warn : gets a sentence where the recipe's CAD file is another one than the set's
+
+    Raises
+    ------
+    ConfigError : the recipe is wrong, or for another part
+    """
+    if recipe_path is None:
+        return Judging(file.recipe, set_path, set_path, learned or file.learned)
+    path = find_recipe(recipe_path)
+    recipe = load_recipe(path)
+    if part_name(recipe.part) != part_name(file.part):
+        raise ConfigError(
+            f"{path}: `part`: the recipe is for {part_name(recipe.part)}, the set shows "
+            f"{part_name(file.part)}; choose the recipe of this part"
+        )
+    own, other = (
+        read_bytes(split_cad(cad).file, MAX_CAD_BYTES, "a CAD file")
+        for cad in (recipe.part, file.part)
+    )
+    if own != other:
+        warn(f"{path}: its CAD file differs from {file.part}; the part is judged by the latter")
+    return Judging(recipe, path, set_path, learned or recipe.inspection.learned)
 
 
 def compiled_part(set_path: Path, file: ViewSetFile) -> CompiledPart:

@@ -278,6 +278,18 @@ def test_a_set_and_a_recipe_name_it_too(
     assert judge_pictures(path, recipe=recipe).ledger.compared_fraction in shares
 
 
+def test_a_program_judges_a_set_by_its_own_recipe_as_the_command_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = learned_sets.write(tmp_path / "set", 41)
+    for smallest_mm in (2.0, 4.0):
+        own = {"name": "shown", "part": "shown.stl"}
+        own["inspection"] = {"smallest_defect_mm": smallest_mm}  # type: ignore[assignment]
+        path.write_text(json.dumps(learned_sets.tree() | {"recipe": own}))
+        by_command, _ = inspected(capsys, path)
+        assert judge_pictures(path).ledger.compared_fraction == by_command["covered_fraction"]
+
+
 def test_a_terminal_shows_that_learned_parts_decided(
     learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

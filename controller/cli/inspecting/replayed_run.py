@@ -12,10 +12,9 @@ from controller.config import ConfigError
 from controller.config.view_set import ViewSetFile, load_view_set
 from controller.inspection import PartInspection
 from controller.results import RunRecord, load_run, prove_run
-from controller.stored import compiled_part, judge_views, lines_digest, read_pictures
+from controller.stored import compiled_part, judge_views, judging_of, lines_digest, read_pictures
 
 from ..inputs.checks import require_files
-from ..inputs.judging import judging_of
 from ..terminal.output import emit, print_line, warn
 
 Items = Mapping[Hashable, Mapping[str, Any]]
@@ -105,7 +104,7 @@ def _replay(
 ) -> bool:
     """Judge one part again, print the changes; return whether there are any."""
     started = time.monotonic()
-    judging = judging_of(set_path, file, recipe_path)
+    judging = judging_of(set_path, file, recipe_path, warn=warn)
     found = judge_views(file, compiled_part(set_path, file), read_pictures(set_path, file), judging)
     changes = list(_changes(part, found))
     is_equal = lines_digest(found) == part.inspected.lines_sha256

@@ -19,11 +19,11 @@ from controller.stored import (
     face_lines,
     json_lines,
     judge_views,
+    judging_of,
     read_pictures,
 )
 
 from ..inputs.checks import check_writable_folder
-from ..inputs.judging import judging_of
 from ..terminal.output import emit, print_line, warn
 from .tables import print_part
 
@@ -54,7 +54,7 @@ def inspect_set(
     if report is not None:
         _check_report(report)
     file = load_view_set(set_path)
-    judging = judging_of(set_path, file, recipe_path, learned)
+    judging = judging_of(set_path, file, recipe_path, learned, warn)
     pictures = read_pictures(set_path, file)
     part = compiled_part(set_path, file)
     found = judge_views(file, part, pictures, judging)

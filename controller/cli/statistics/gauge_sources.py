@@ -21,11 +21,12 @@ from controller.stored import (
     compiled_part,
     grasp_numbers,
     judge_views,
+    judging_of,
     read_pictures,
     repeated_sets,
 )
 
-from ..inputs.judging import judging_of
+from ..terminal.output import warn
 
 MAX_FILE_BYTES: Final = 2**30
 # A part put down on a mark by hand lies as exactly as this; farther away is another start pose.
@@ -134,7 +135,7 @@ def _take_set(
     found: Sources, path: Path, names: tuple[str, ...], number: int, recipe_path: Path | None
 ) -> None:
     file = load_view_set(path)
-    judging = judging_of(path, file, recipe_path)
+    judging = judging_of(path, file, recipe_path, warn=warn)
     part = compiled_part(path, file)
     cad = split_cad(file.part)
     identity = cad_identity(cad.name, _sha256(cad.file))
