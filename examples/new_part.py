@@ -25,11 +25,7 @@ RECIPE = """\
 name: plate
 part: plate.csg.yaml
 inspection:
-  min_coverage: 0.5
   required: stated
-  not_inspected:
-    bore 8.0 mm: its wall is lit by its own rim; gauge it with a plug
-    bore 12.0 mm: its wall is lit by its own rim; gauge it with a plug
 """
 
 

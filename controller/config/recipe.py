@@ -34,7 +34,8 @@ class InspectionSection(Section):
     ----------
     max_incidence_deg : a surface that a view shows flatter than this does not count as seen there:
         angle between its normal and the line of sight
-    min_coverage : share of the surface that must have been compared for a pass, above 0
+    min_coverage : share of what can be seen that must have been verified for a pass, above 0: by
+        comparison, or on faces that edges verify
     not_inspected : faces that need not be inspected, by name as
         `cellctl compile` lists them, each with the reason
     tolerance_class : tolerance class of ISO 2768-1, for all that has no limits of its own
@@ -57,7 +58,7 @@ class InspectionSection(Section):
     """
 
     max_incidence_deg: float = Field(70.0, ge=20, le=85)
-    min_coverage: float = Field(0.50, gt=0, le=1)
+    min_coverage: float = Field(0.95, gt=0, le=1)
     not_inspected: dict[FaceName, Reason] = Field(default_factory=dict)
     tolerance_class: ToleranceClass = "m"
     required: Literal["all", "stated"] = "all"

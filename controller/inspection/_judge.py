@@ -6,7 +6,7 @@ self-check made good by another view; and no finding. A fail needs two looks tha
 explain. All else is indeterminate, with the reasons (docs/adr/0017).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
@@ -111,6 +111,8 @@ class PartVerdict:
     detections : detectable size and place by kind of defect
     short_faces : ids of faces compared too little, which prevents a PASS
     compared_U : expanded uncertainty (k = 2) of `compared_fraction`, from the samples' spacing
+    verified_fraction : share of what can be seen that is compared, or on a face that its edges
+        verify; faces that the recipe leaves out count where they are compared
     """
 
     verdict: Verdict
@@ -123,6 +125,7 @@ class PartVerdict:
     detections: tuple[Detection, ...] = ()
     short_faces: tuple[int, ...] = ()
     compared_U: float = 0.0  # noqa: N815 (U is the symbol of the field)
+    verified_fraction: float = 0.0
 
 
 def judge(
@@ -146,7 +149,8 @@ def judge(
     views : results of the views
     unseen_reasons : reason, by face id, why the plan could not show (all of) a face; it explains a
         gap and excuses none
-    min_coverage : share of the area that must have been compared for a pass, above 0
+    min_coverage : share of what can be seen that must have been verified for a pass, above 0; what
+        can be seen is in sight of an evaluated view, or the plan meant a view to show it
     limits : limits of the findings
     not_inspected : reason, by face id, why the recipe leaves a face out: the face need not be
         compared, but findings on it still count
@@ -182,6 +186,7 @@ def judge(
         )
         for i in range(len(solid.faces))
     )  # fmt: skip
+    verified_share = _verified(samples, faces, compared, in_sight, planned, not_inspected)
     claim = _claim(evaluated)
     is_failed = any(one.verdict is Verdict.FAIL for one in placed)
     # Findings against the part come first, whatever else is open.
@@ -195,9 +200,9 @@ def judge(
     failures = [failure for view in views for failure in view.failures]
     missing = _not_made_good(samples, views, planned)
     stops: list[str] = []
-    if not evaluated or compared_share < min_coverage:
+    if not evaluated or verified_share < min_coverage:
         stops.append(
-            f"{100 * compared_share:.1f} % of the surface compared, "
+            f"{100 * verified_share:.1f} % of what can be seen is verified, "
             f"{100 * min_coverage:.1f} % is required"
         )
     stops += [f"{view_id}: no other view made good what it was to show" for view_id in missing]
@@ -247,7 +252,25 @@ def judge(
     return PartVerdict(
         verdict, tuple(reasons), faces, compared_share, placed, in_sight_share, claim,
         short_faces=tuple(f.face_id for f in short), compared_U=uncertainty_of(samples, compared),
+        verified_fraction=verified_share,
     )  # fmt: skip
+
+
+def _verified(
+    samples: SurfaceSamples,
+    faces: Sequence[FaceVerdict],
+    compared: BoolArray,
+    in_sight: BoolArray,
+    planned: Mapping[str, BoolArray],
+    left_out: Collection[int],
+) -> float:
+    """Return the share of what can be seen that is verified; see `PartVerdict`."""
+    is_asked = ~np.isin(samples.face_ids, list(left_out))
+    can_be_seen = (in_sight | _any(samples, iter(planned.values()))) & is_asked | compared
+    by_edges = np.isin(samples.face_ids, [f.face_id for f in faces if f.is_by_edges])
+    whole = float(samples.areas_mm2[can_be_seen].sum())
+    is_verified = (compared | by_edges) & can_be_seen
+    return float(samples.areas_mm2[is_verified].sum()) / whole if whole else 0.0
 
 
 def _any(samples: SurfaceSamples, masks: Iterator[BoolArray]) -> BoolArray:

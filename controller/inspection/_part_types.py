@@ -39,7 +39,7 @@ class PartSettings:
     Attributes
     ----------
     limits : limits of differences
-    min_coverage : share of the surface that must have been compared for a pass
+    min_coverage : share of what can be seen that must have been verified for a pass
     not_inspected : reason, by face id, why the recipe leaves a face out
     unseen_reasons : reason, by face id, why the plan could not show all of a face
     planned : mask, by view id, of the samples (n,) that the plan meant the view to show
@@ -53,7 +53,7 @@ class PartSettings:
     """
 
     limits: InspectionLimits
-    min_coverage: float = 0.5
+    min_coverage: float = 0.95
     not_inspected: Mapping[int, str] = field(default_factory=lambda: NOTHING)
     unseen_reasons: Mapping[int, str] = field(default_factory=lambda: NOTHING)
     planned: Mapping[str, BoolArray] = field(default_factory=lambda: NO_PLAN)

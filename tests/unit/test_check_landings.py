@@ -36,9 +36,17 @@ def pose(index: int, probability: float, *, rolling: bool = False) -> StablePose
     return StablePose(index, np.eye(3), probability, 10.0, 5.0, rolling)
 
 
+class _Planned:
+    """A certified pose, as far as `is_served` asks of it."""
+
+    def __init__(self, is_served: bool) -> None:
+        self.certificate = self
+        self.plan = "a plan" if is_served else None
+
+
 def checked(*shares: tuple[float, bool]) -> Checked:
     poses = tuple(
-        CheckedPose(pose(k, share), None, is_served=is_served)  # type: ignore[arg-type]
+        CheckedPose(pose(k, share), _Planned(is_served))  # type: ignore[arg-type]
         for k, (share, is_served) in enumerate(shares)
     )
     return Checked(None, poses, ())  # type: ignore[arg-type]

@@ -80,6 +80,11 @@ def view(
     )
 
 
+def all_in_sight(one: ViewResult) -> ViewResult:
+    lit = Check("ring", "", one.compared, 3.0, 0.0)
+    return replace(one, unobstructed=everything(), checks=(lit,))
+
+
 def finding(
     area_mm2: float,
     at: tuple[float, float, float] = (0.0, 0.0, 5.0),
@@ -162,11 +167,37 @@ def test_views_add_up_and_each_face_names_those_that_compared_it() -> None:
     assert got.compared_fraction == pytest.approx(area / plate().mesh.area)
 
 
-def test_too_little_compared_is_indeterminate_and_says_how_much_is_asked() -> None:
-    left_out = {0: "its finish is checked by hand"}
-    got = verdict(view(compared=all_but(0)), left_out=left_out, coverage=0.9)
+def test_too_little_verified_of_what_can_be_seen_is_indeterminate_and_says_how_much() -> None:
+    half = np.arange(len(samples().points_mm)) % 3 > 0  # two thirds of each face
+    got = verdict(all_in_sight(view(compared=half)), coverage=0.9)
     assert got.verdict is Verdict.INDETERMINATE
-    assert "90.0 % is required" in got.reasons[0]
+    (short,) = got.reasons
+    assert f"{100 * got.verified_fraction:.1f} % of what can be seen is verified" in short
+    assert "90.0 % is required" in short
+    assert got.verified_fraction == pytest.approx(2 / 3, abs=0.02)
+
+
+def test_what_can_be_seen_is_in_sight_or_planned_and_not_left_out() -> None:
+    top = samples().face_ids == 0
+    share = plate().faces[0].area_mm2 / plate().mesh.area
+    one = view(compared=top)
+    assert verdict(one, coverage=0.1).verified_fraction == pytest.approx(1.0)
+    planned = {"v1": everything()}
+    got = verdict(one, coverage=0.1, planned=planned)
+    assert got.verified_fraction == pytest.approx(share, abs=0.01)
+    rest = {f.id: "gauged by hand" for f in plate().faces if f.id}
+    got = verdict(one, coverage=0.1, planned=planned, left_out=rest)
+    assert got.verified_fraction == pytest.approx(1.0)
+    assert got.verdict is Verdict.PASS
+
+
+def test_a_face_that_its_edges_verify_counts_as_verified() -> None:
+    bore = bore_id()
+    seen = all_in_sight(view(compared=all_but(bore)))
+    proof = evidence(FaceEdges(1.0, 2, is_verified=True, how="of its rims"))
+    got = judge(plate(), samples(), (seen,), {}, 0.99, LIMITS, edges=proof)
+    assert got.verified_fraction == pytest.approx(1.0)
+    assert got.compared_fraction < 0.99
 
 
 @pytest.mark.parametrize("coverage", [0.0, -0.1, 1.1, float("nan")])
@@ -598,7 +629,7 @@ def test_a_pass_means_that_all_is_compared_or_left_out_by_name_and_nothing_was_f
     if got.verdict is Verdict.PASS:
         assert used
         assert not found
-        assert got.compared_fraction >= coverage
+        assert got.verified_fraction >= coverage
         for face in got.faces:
             assert face.verdict is Verdict.PASS or face.face_id in left_out
             assert (face.verdict is Verdict.PASS) == (face.compared_fraction >= 0.5)
@@ -607,6 +638,7 @@ def test_a_pass_means_that_all_is_compared_or_left_out_by_name_and_nothing_was_f
     elif found:
         assert got.verdict is Verdict.INDETERMINATE
     assert 0 <= got.compared_fraction <= 1 + 1e-9
+    assert 0 <= got.verified_fraction <= 1 + 1e-9
 
 
 # --- marks: two looks at one place of the part ---------------------------------------------------

@@ -316,13 +316,6 @@ COMPOSED: dict[str, tuple[str, ...]] = {
     ),
     "{} to {} mm": ("{a} to {size}",),
     "planning from pose {} ({})": ("planning from pose {k} ({p}%)",),
-    "{}: {} of the surface comes in sight, but the recipe requires {} to be compared "
-    "(`min_coverage`); require less, or see in `cellctl plan --recipe` what hides the rest": (
-        "in stable pose {k}: {n}% of the surface comes in sight, but the recipe requires {m}% to "
-        "be compared (`min_coverage`); require less, or see in `cellctl plan --recipe` what hides "
-        "the rest",
-        "in stable pose {k} ({p}%): {why}",
-    ),
     "hidden by the part itself: no place of the camera sees it at all{}": (
         "hidden by the part itself: no place of the camera sees it at all",
     ),

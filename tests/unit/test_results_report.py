@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 from results_bench import PART_PX, RunWriter, bad_run, good_run, sighting, verdict, view
 
 from controller.cell.journal import rows
-from controller.inspection import Verdict
+from controller.inspection import Unjudged, Verdict
 from controller.results import load_run, report_json, write_html
 from controller.results.report.html import render
-from controller.results.report.ledger import rounded_to_whole
+from controller.results.report.ledger import means_of, rounded_to_whole
 from controller.results.report.pictures import outline_path, window_round
 
 VOID = {"col", "meta", "img", "br", "hr", "link", "input"}
@@ -137,8 +137,8 @@ def test_the_coverage_column_adds_up_to_one_hundred_percent(tmp_path: Path) -> N
     # one face of three is seen to 91 %: (100 + 91 + 100) / 3
     assert total[header.index("Compared [%]")] == "97.00"
     assert [row[:1] for row in rows] == [["F0 plane"], ["F1 bore 8.0 mm"], ["F2 plane"]]
-    _, (reason, unseen) = page.table("Not compared, because")
-    assert (reason, unseen) == ("in the jaws' shadow", "3.00")
+    _, row = page.table("Not compared, because")
+    assert row == ["in the jaws' shadow", "3.00", "–"]
 
 
 def test_every_piece_of_surface_is_in_one_class(tmp_path: Path) -> None:
@@ -149,6 +149,11 @@ def test_every_piece_of_surface_is_in_one_class(tmp_path: Path) -> None:
     assert "compared, on a surface that differs from the CAD: 3.75 %" in text
     assert "compared, too little of the surface to judge it, or unconfirmed: 2.50 %" in text
     assert "not compared: 10.42 %" in text
+
+
+@pytest.mark.parametrize("reason", list(Unjudged))
+def test_each_reason_for_no_comparison_says_what_would_compare_more(reason: Unjudged) -> None:
+    assert means_of(reason.value)
 
 
 @given(st.lists(st.floats(0.001, 1e6), min_size=1, max_size=300))

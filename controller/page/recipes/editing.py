@@ -62,7 +62,7 @@ class InspectionChange(_Words):
 
     required: Literal["all", "stated"] = "all"
     tolerance_class: Literal["f", "m", "c", "v"] = "m"
-    min_coverage: float = 0.5
+    min_coverage: float = 0.95
     max_incidence_deg: float = 70.0
     smallest_defect_mm: float = 3.0
 

@@ -24,7 +24,6 @@ TEXT: Final = """\
 name: {name}
 part: {part}
 {unit}{cell}inspection:
-  min_coverage: 0.50             # with less of the surface compared, the part is quarantined
   smallest_defect_mm: 3.0
   required: stated               # dimensions without limits of their own: measured where a view shows them
 """  # noqa: E501 - a file that people read

@@ -12,6 +12,20 @@ from ..run import PartReport, StepReport
 
 NO_REASON = "planned to be shown, but no evaluated view compared it"
 DECIMALS = 2
+# What would compare more, by the beginning of a reason; the most usual means first.
+MEANS = {
+    "beside the gripper": "a grasp elsewhere",
+    "seen too flat": "a view more square to it; a finer camera",
+    "turned from the lamps": "a lamp from another side",
+    "at the border of a shadow": "learning from good parts; a lamp from another side",
+    "lit by light from neighbouring": "learning from good parts",
+    "where the lamp's highlight": "learning from good parts; a lamp from another side",
+    "a finish too uneven": "a larger `smallest_defect_mm`; learning from good parts",
+    "lit in a way": "learning from good parts; another lamp or view",
+    "too near to an edge": "a finer camera",
+    "in pictures that failed": "the next part; the view's own reason says what failed",
+    "left out": "a smaller `least_gain`",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +43,8 @@ class Ledger:
     Attributes
     ----------
     classes : name, words and share of the whole area of each class
-    not_compared : share of the whole area by reason for no comparison, largest first
+    not_compared : by reason for no comparison, share of the whole area and what would compare more
+        (empty where nothing in this cell does), largest first
     """
 
     rows: tuple[LedgerRow, ...]
@@ -37,7 +52,7 @@ class Ledger:
     share_percent: float
     compared_percent: float
     classes: tuple[tuple[str, str, float], ...]
-    not_compared: tuple[tuple[str, float], ...]
+    not_compared: tuple[tuple[str, float, str], ...]
 
 
 def rounded_to_whole(shares: Sequence[float], whole: float = 100.0) -> list[float]:
@@ -88,8 +103,16 @@ def make_ledger(part: PartReport) -> Ledger | None:
         classes=tuple(
             (name, words[name], share) for name, share in zip(classes, class_shares, strict=True)
         ),
-        not_compared=tuple(sorted(not_compared.items(), key=lambda item: -item[1])),
+        not_compared=tuple(
+            (reason, share, means_of(reason))
+            for reason, share in sorted(not_compared.items(), key=lambda item: -item[1])
+        ),
     )
+
+
+def means_of(reason: str) -> str:
+    """Return what would compare more of a surface, by the reason why it was not; else ""."""
+    return next((means for start, means in MEANS.items() if reason.startswith(start)), "")
 
 
 def _why_not_compared(part: PartReport, face: FaceJudged) -> str:

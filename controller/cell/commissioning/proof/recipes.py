@@ -6,7 +6,7 @@ from pathlib import Path
 from controller.cad import CadError
 from controller.cell.compute import Job
 from controller.cell.compute.checks import check_job
-from controller.config import ConfigError, load_recipe
+from controller.config import ConfigError
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +32,10 @@ class RecipeReach:
 
     Attributes
     ----------
-    wanted : share of the surface that the recipe requires to be compared
     poses : likely stable poses
     problems : a sentence for each reason why it cannot be run
     """
 
-    wanted: float
     poses: tuple[ReachedPose, ...]
     problems: tuple[str, ...]
 
@@ -52,12 +50,10 @@ def check_reach(recipe: Path, cell: Path) -> RecipeReach:
     recipe, cell : their files
     """
     try:
-        wanted = load_recipe(recipe).inspection.min_coverage
         checked = check_job(Job(recipe, cell))
     except (ConfigError, CadError) as error:
-        return RecipeReach(0.0, (), (str(error),))
+        return RecipeReach((), (str(error),))
     return RecipeReach(
-        wanted,
         tuple(
             ReachedPose(
                 one.pose.index,

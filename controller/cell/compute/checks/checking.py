@@ -50,15 +50,18 @@ class CheckedPose:
     Attributes
     ----------
     remarks : further remarks in words: it rolls, it is barely stable
-    is_served : whether its plan shows as much as the recipe requires
     forecast : what a run by its plan will have compared; None where none was asked for
     """
 
     pose: StablePose
     certified: Certified
     remarks: tuple[str, ...] = ()
-    is_served: bool = False
     forecast: Forecast | None = None
+
+    @property
+    def is_served(self) -> bool:
+        """True if there is a plan."""
+        return self.certified.certificate.plan is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,12 +87,12 @@ class Checked:
 
     @property
     def served_fraction(self) -> float:
-        """Share of landings, by the poses' quasi-static probabilities, that have a good plan."""
+        """Share of landings, by the poses' quasi-static probabilities, that have a plan."""
         return sum(one.pose.probability for one in self.poses if one.is_served)
 
     @property
     def serves_most(self) -> bool:
-        """True if most dropped parts rest in poses with an adequate plan."""
+        """True if most dropped parts rest in poses with a plan."""
         return self.served_fraction > 0.5
 
 
@@ -194,7 +197,6 @@ def check_plans(
     """
     c = context(job)
     planning = PlanCache(c.part, c.layout, c.setup.options)
-    wanted = c.recipe.inspection.min_coverage
     measured, too_tight = check_characteristics(job.recipe_path, c.recipe, c.cell, c.part)
     poses, problems = [], [*too_tight, *check_defects(c.recipe, c.cell)]
     later: list[StablePose] = []
@@ -207,18 +209,9 @@ def check_plans(
             progress(f"planning from pose {pose.index} ({pose.probability:.0%})")
         certified = planning.certified(pose)
         plan, where = certified.certificate.plan, f"in stable pose {pose.index}"
-        is_served = plan is not None and plan.covered_fraction >= wanted
-        poses.append(CheckedPose(pose, certified, _remarks(pose, c.part), is_served))
-        if not is_steady:
-            continue
-        if plan is None:
+        poses.append(CheckedPose(pose, certified, _remarks(pose, c.part)))
+        if is_steady and plan is None:
             problems.append(f"{where} ({pose.probability:.0%}): {certified.certificate.reason}")
-        elif not is_served:
-            problems.append(
-                f"{where}: {plan.covered_fraction:.1%} of the surface comes in sight, but the "
-                f"recipe requires {wanted:.1%} to be compared (`min_coverage`); require less, or "
-                "see in `cellctl plan --recipe` what hides the rest"
-            )
     if all(one.pose.rolling or one.pose.marginal for one in poses):
         problems.append(_restless(c.poses, c.part))
     plans = [one.certified.certificate.plan for one in poses]
