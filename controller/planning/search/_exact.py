@@ -113,7 +113,7 @@ class _Left:
 
     The relaxation, in which fractions of views may be taken, is within one view of the truth on
     nearly all covers of plans; then some ten relaxations decide, where a solver of mixed integer
-    programs spends a hundred times as long on cuts before it branches (ADR 72). Undecided covers
+    programs spends a hundred times as long on cuts before it branches (ADR 10). Undecided covers
     are handed over to such a solver.
 
     Parameters
