@@ -1,4 +1,4 @@
-"""Links for what the pages cite: `docs/alarms.md`, ADR 37, *A heading*.
+"""Links for what the pages cite: `docs/alarms.md`, ADR 37 and *A heading*.
 
 The pages are written to be read as files, so they name each other as code and by heading. On the
 site each of these leads to what it names:

@@ -31,6 +31,9 @@ NAMED = re.compile(rf"Sections{GAP}\(§\){GAP}are{GAP}those{GAP}of{GAP}`?([\w./-
 SHORT = re.compile(rf"§\s?({KEY})")
 GOLDEN = re.compile(r'^section = "([\d.]+)"$', re.MULTILINE)
 ADR = re.compile(rf"\bADRs?{GAP}(\d+(?:(?:,|{GAP}(?:and|to|or)){GAP}\d+)*)")
+ADR_HEADED = re.compile(  # an ADR, *A heading* and *Another* of it
+    rf"\bADR{GAP}(\d+),{GAP}\*([^*`]+)\*(?:{GAP}and{GAP}\*([^*`]+)\*)?"
+)
 PAPER = re.compile(rf"\b[Pp]aper's{GAP}(Table|[Ff]igure){GAP}(\d+)")
 STANDARD = re.compile(r"\b(?:(?:ISO(?:/IEC)?|RFC|OPC) \d[\d-]*\d|ITU-T T\.\d+|V1\.(?:1b3|02|0b)\b)")
 OTHER_FORM = re.compile(
@@ -91,6 +94,11 @@ def headings_of(text: str) -> set[str]:
     return {
         re.sub(r"^[A-Z]{0,2}[\d.]+ ", "", found) for found in re.findall(r"(?m)^#+ +(.+?) *$", text)
     }
+
+
+def without_breaks(*headings: str | None) -> list[str]:
+    """Return headings as cited, in one line each; a comment may break them."""
+    return [" ".join(re.sub(r"\n\s*#?", " ", one).split()) for one in headings if one]
 
 
 class Checkout:
@@ -156,7 +164,7 @@ class Checkout:
             for why in self.why_not(cited[1], re.findall(KEY, cited[2] or ""), path):
                 yield cited.start(), why
         for cited in HEADED.finditer(text):
-            heading = " ".join(re.sub(r"\n\s*#?", " ", cited[2]).split())
+            (heading,) = without_breaks(cited[2])
             found = self.pages_of(cited[1], path)
             if len(found) == 1 and heading not in headings_of(self.texts[found[0]]):
                 yield cited.start(), f"{cited[1]} has no heading {heading!r}"
@@ -172,6 +180,11 @@ class Checkout:
             for number in re.findall(r"\d+", cited[1]):
                 if int(number) not in self.adrs:
                     yield cited.start(), f"there is no ADR {number}"
+        for cited in ADR_HEADED.finditer(text):
+            for page in self.adrs.get(int(cited[1]), []):
+                for heading in without_breaks(*cited.groups()[1:]):
+                    if heading not in headings_of(self.texts[page]):
+                        yield cited.start(), f"{page.name} has no heading {heading!r}"
         for cited in PAPER.finditer(text):
             for why in self.why_not("references.md", [f"P{cited[1][0].upper()}{cited[2]}"], path):
                 yield cited.start(), why

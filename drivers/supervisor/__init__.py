@@ -3,7 +3,8 @@
 The controller sends a heartbeat. When that stays away, this process sends on every wire a stop that
 needs neither driver nor answer, by a way of its own: the serial line opened once more, a further
 connection to a Modbus device. It knows no device. Drivers give it bytes (`BlindStop`, `BlindLook`).
-Run it as ``python -m drivers.supervisor`` (`__main__`); ADR 98 says why it is a process.
+Run it as ``python -m drivers.supervisor`` (`__main__`). Why it is a process: ADR 98,
+*The supervisor*.
 """
 
 from .words import (

@@ -57,7 +57,9 @@ def test_headings_and_numbered_rows_count_and_values_do_not() -> None:
 def plant(tmp_path: Path) -> Path:
     (tmp_path / "docs" / "adr").mkdir(parents=True)
     (tmp_path / "docs" / f"wire{DOT_MD}").write_text(PAGE, encoding="utf-8")
-    (tmp_path / "docs" / "adr" / f"0007-why{DOT_MD}").write_text("# 7. Why\n", encoding="utf-8")
+    (tmp_path / "docs" / "adr" / f"0007-why{DOT_MD}").write_text(
+        "# 7. Why\n\n## Decision\n", encoding="utf-8"
+    )
     references = "| S6 | ISO/IEC 15948 |\n| PT1 | Table 1 |\n"
     (tmp_path / "docs" / f"references{DOT_MD}").write_text(references, encoding="utf-8")
     (tmp_path / "drivers").mkdir()
@@ -80,6 +82,7 @@ def found(root: Path, name: str, text: str) -> list[str]:
         f"# docs/wire{DOT_MD}, *Simple ones*: the bytes\n",
         f"# wire{DOT_MD},\n# *Simple ones*\n",
         "# ADR 7; the paper's Table 1; ISO/IEC 15948\n",
+        "# ADR 7,\n# *Decision*\n",
         "X = sleep(2.5)  # half of 5.0 s\n",
     ],
 )
@@ -107,6 +110,7 @@ def test_citations_that_resolve_are_no_problem(plant: Path, text: str) -> None:
         ),
         ("X = 1  # as it is (2.3)\n", f"1: write {SIGN}, not '(2.3' alone"),
         ("# A" + "DR 8\n", "1: there is no ADR 8"),
+        ("# A" + "DR 7, *Decision* and *Gone*\n", f"1: 0007-why{DOT_MD} has no heading 'Gone'"),
         ("# the paper" + "'s Table 9\n", f"1: references{DOT_MD} has no section PT9"),
         ("# I" + "SO 1101\n", f"1: docs/references{DOT_MD} does not list ISO 1101"),
         ("# (paper" + ", section 2.1)\n", "section 2' is not the form"),
