@@ -131,7 +131,8 @@ def main() -> int:
     parser.add_argument("--seconds", type=int, default=600, help="of each target")
     parser.add_argument("--runs", type=int, default=1_000_000, help="of each target")
     parser.add_argument("--keep", action="store_true", help="add to the corpus")
-    parser.add_argument("--found", type=Path, default=Path("fuzz-found"), help="for findings")
+    found = Path(tempfile.gettempdir(), "fuzz-found")
+    parser.add_argument("--found", type=Path, default=found, help="for findings")
     args = parser.parse_args()
     args.found.mkdir(parents=True, exist_ok=True)
     rows = []

@@ -267,7 +267,9 @@ def within(pairs: list[tuple[float, float]]) -> Words:
 def biases(good: list[Words]) -> list[Words]:
     """Return the mean error of each kind of dimension, part by part, and whether it is small."""
     of: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    for row in good:
+    # the values of one piece share its pose: only those of several have a mean error
+    of_several = {row["part"] for row in good if sum(r["part"] == row["part"] for r in good) > 1}
+    for row in (row for row in good if row["part"] in of_several):
         for _, unit, _, error, U, _, kind in row["values"]:
             if unit == "mm" and error is not None and kind != CharacteristicKind.POSITION.value:
                 of.setdefault((row["part"], kind), []).append((error, U))

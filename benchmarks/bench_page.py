@@ -219,7 +219,6 @@ def main() -> int:
     paint, delay, loop = found["first_paint_ms"], found["delay_ms"], found["loop_p99_ms"]
     rows_ = [
         {"what": f"first paint, median of {LOOKS}, ms", "asked": 1000, "is": paint["median"]},
-        {"what": "first paint, slowest, ms", "asked": None, "is": paint["max"]},
         {"what": "from the row to the browser, p95, ms", "asked": 200, "is": delay["p95"]},
         {"what": "writer's loop late, p99, alone, ms", "asked": None, "is": loop["alone"]},
         {"what": f"with the page and {BROWSER_COUNT} browsers, ms",

@@ -251,7 +251,6 @@ class Shift:
             "takt": takt_json(group),
             "line": takt_line(group),
             "longest_late_s": max(late, default=0.0),
-            "late_rows": len(late),
             "parts": each,
         }
 
