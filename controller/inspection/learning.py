@@ -31,7 +31,7 @@ from .lit import (
     LitPictures,
     contrast,
     filtered,
-    gloss_of,
+    finish_of,
     on_grid,
     pose_gap,
     regridded,
@@ -249,7 +249,7 @@ class _Lesson:
                 without[i][lamp] = replace(found.picture, mean=mean)
         for (one, held), known in zip(some, without, strict=True):
             others = replace(base, pictures=known, parts=len(some) - 1)
-            self._results[one.part].append(held.result(gloss_of(held.lit.polish), others))
+            self._results[one.part].append(held.result(finish_of(held.lit.polish), others))
         return replace(base, pictures=pictures)
 
     def _held(self, one: _Shown) -> ComparedView | NotEvaluated:

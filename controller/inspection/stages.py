@@ -40,7 +40,7 @@ from .grasp_pose import (
 )
 from .integrity import Allowances, allowed_mm
 from .kept import Kept, stage
-from .lit import Polish, gloss_of
+from .lit import Finish, Polish, finish_of
 from .view import ComparedView, NotEvaluated, Strictness, compare_view, outline_view
 
 
@@ -93,14 +93,14 @@ def view_result(
     outlined: OutlinedView | NotEvaluated,
     pose: ViewPose | None,
     strictness: Strictness,
-    gloss: float,
+    finish: Finish,
 ) -> ViewResult:
-    """Return a view's result under the highest possible polish of the finish."""
+    """Return a view's result by what is known of the finish."""
     compared = compared_view(kept, part, samples, outlined, pose, strictness)
     kept.forget(compared_view, part, samples, outlined, pose, strictness)
     if isinstance(compared, NotEvaluated):
         return compared.result(samples)
-    return compared.judged(gloss)
+    return compared.judged(finish)
 
 
 @stage
@@ -283,9 +283,9 @@ def compare_views(
         for asked in mine:
             polish += view_polish(kept, *asked)
             yield None
-        gloss = gloss_of(polish)
+        finish = finish_of(polish)
         for asked in mine:
-            result, counted = view_result(kept, *asked, gloss), asked[2].view.counted
+            result, counted = view_result(kept, *asked, finish), asked[2].view.counted
             yield result if counted is None else result.within(counted)
 
 

@@ -48,7 +48,15 @@ from .grasp_pose import (
     fit_grasp,
 )
 from .integrity import Allowances, OutlineResult, compare_outline
-from .lit import BURNT_GREY, MIN_WIDTH_PX, Appearance, LearnedView, LitPictures, gloss_of
+from .lit import (
+    BURNT_GREY,
+    MIN_WIDTH_PX,
+    Appearance,
+    Finish,
+    LearnedView,
+    LitPictures,
+    finish_of,
+)
 from .registration import Registration, register
 
 OPEN_SPREADS: Final = 2.0  # standard deviations of a pose that no outline shows
@@ -249,15 +257,15 @@ class ComparedView:
             return None
         return self.appearance.view(self.task.camera, self.fit.T_world_part)
 
-    def judged(self, gloss: float | None = None) -> ViewResult:
+    def judged(self, finish: Finish | None = None) -> ViewResult:
         """Return the view's result: at this pose, or at one that explains more of what is found.
 
         Parameters
         ----------
-        gloss : highest possible polish of the finish, from 0 to 1; None to find it in this view
+        finish : of the part; None to find it in this view
         """
-        gloss = gloss_of(self.lit.polish) if gloss is None else gloss
-        best = self.result(gloss, self.learned())
+        finish = finish_of(self.lit.polish) if finish is None else finish
+        best = self.result(finish, self.learned())
         if not any(f.kind.is_lit for f in best.findings):
             return best
         # what a lit picture shows against one pose, and not against another that the outline allows
@@ -267,19 +275,19 @@ class ComparedView:
             if _pose_refusal(pose, *moved(part, task, pose), task.limits):
                 continue
             other = self.at(pose)
-            result = other.result(gloss, other.learned())
+            result = other.result(finish, other.learned())
             if _explains_more(result, best):
                 best = result
             if not best.findings:
                 break
         return best
 
-    def result(self, gloss: float, learned: LearnedView | None) -> ViewResult:
+    def result(self, finish: Finish, learned: LearnedView | None) -> ViewResult:
         """Return the result of the pictures if this is the part's pose.
 
         Parameters
         ----------
-        gloss : highest possible polish of the finish, from 0 to 1
+        finish : of the part
         learned : the same view of good parts; None for none
         """
         task, fit, outline = self.task, self.fit, self.outline
@@ -288,7 +296,7 @@ class ComparedView:
         checks: list[Check] = [outline.check]
         codes: list[NDArray[np.uint8]] = []
         for lamp in task.lamps:
-            check, differing, code = self.lit.check(lamp.name, gloss, learned)
+            check, differing, code = self.lit.check(lamp.name, finish, learned)
             checks.append(check)
             codes.append(code)
             findings = findings + differing

@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 from shown_part import CAMERA, FRONT
 
 from controller.imaging import Camera, PointLamp, RayCaster, ViewMaps, render_maps, view_roi
-from controller.inspection.lit.bounce import (
+from controller.inspection.lit.bounce import UNEVEN_MM, find_neighbours
+from controller.inspection.lit.finish import (
     ALBEDO,
-    POLISHED_SPREAD_RAD,
-    UNEVEN_MM,
-    find_neighbours,
+    HIGHLIGHT_WIDTHS_RAD,
+    LOBE_SR,
+    Finish,
+    Polish,
+    finish_of,
 )
-from controller.inspection.lit.light import HIGHLIGHT_WIDTHS_RAD, Light, bound_light
+from controller.inspection.lit.light import Light, bound_light
 from controller.inspection.lit.surface import Surface, find_surface
 
 STEP = 4
@@ -92,39 +95,114 @@ def test_a_wall_that_the_lamp_does_not_reach_throws_nothing() -> None:
     assert light.bounced.matt[here].max() == 0.0
 
 
+def finish_with(width: int, sigma: float = 1e-6) -> Finish:
+    """A finish with highlights of one width alone, as bright as its matt share."""
+    count = len(HIGHLIGHT_WIDTHS_RAD)
+    peaks, covariance = np.eye(count)[width], sigma**2 * np.eye(count)
+    return Finish(tuple(peaks.tolist()), tuple(map(tuple, covariance.tolist())))
+
+
 def test_a_polished_wall_mirrors_the_lamp_where_the_lamp_shines_on_both() -> None:
     # the side lamp stands to the left, 37 degrees up: the step's other side is in its own shadow
     light, surface, _ = corner("side")
-    assert light.bounced.mirrored[surface.seen].max() == 0.0
+    mirrored, _ = light.bounced.most_mirrored(finish_with(0))
+    assert mirrored[surface.seen].max() == 0.0
     # the ring stands above the floor, and grazes the wall: its image lies deep in the wall
     light, near = floor_between("ring", -21.5, -20)
     _, far = floor_between("ring", 18, 26)
-    assert light.bounced.mirrored[near].mean() > 10 * light.bounced.mirrored[far].mean()
+    mirrored, _ = light.bounced.most_mirrored(finish_with(0))
+    assert mirrored[near].mean() > 10 * mirrored[far].mean()
 
 
-def test_what_a_polished_surface_mirrors_is_blurred_by_its_narrowest_lobe() -> None:
+def test_what_a_polished_surface_mirrors_is_blurred_by_twice_the_tilt_of_its_facets() -> None:
     # facets turned by a normal deviate mirror a ray from square above to a screen 10 mm away
     rng = np.random.default_rng(5)
-    slopes = np.tan(rng.normal(0.0, min(HIGHLIGHT_WIDTHS_RAD), (20_000, 2)))
+    width = min(HIGHLIGHT_WIDTHS_RAD)
+    slopes = np.tan(rng.normal(0.0, width, (20_000, 2)))
     normals = np.column_stack([slopes, np.ones(len(slopes))])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     mirrored = 2 * normals[:, 2:] * normals - [0, 0, 1]
     landed_mm = 10.0 * mirrored[:, :2] / mirrored[:, 2:]
     spread_mm = 1.4826 * float(np.median(np.abs(landed_mm)))
-    assert spread_mm == pytest.approx(10.0 * POLISHED_SPREAD_RAD, rel=0.06)
+    assert spread_mm == pytest.approx(10.0 * 2.0 * width, rel=0.06)
 
 
-def test_a_mirror_image_is_uneven_beside_a_wall_and_even_farther_off() -> None:
+@pytest.mark.parametrize("width", range(len(HIGHLIGHT_WIDTHS_RAD)))
+def test_a_mirror_image_is_uneven_beside_a_wall_and_even_farther_off(width: int) -> None:
     shares = []
     for x0, x1 in ((-21.5, -20), (2, 10)):
         light, here = floor_between("ring", x0, x1)
-        bounced = light.bounced
-        assert (bounced.mirrored_uneven <= bounced.mirrored + 1e-6).all()
-        shares.append(bounced.mirrored_uneven[here].sum() / bounced.mirrored[here].sum())
+        mirrored, uneven = light.bounced.most_mirrored(finish_with(width))
+        assert (uneven <= mirrored + 1e-6).all()
+        shares.append(uneven[here].sum() / mirrored[here].sum())
     near, far = shares
     # 1 mm of a wall 20 mm high is seen from so near; from 24 to 32 mm away none of it is
-    assert near > 0.5
-    assert far < 1 / (1 + (24 * POLISHED_SPREAD_RAD / UNEVEN_MM) ** 2) < near
+    spread = 2 * HIGHLIGHT_WIDTHS_RAD[width]
+    assert far < 1 / (1 + (24 * spread / UNEVEN_MM) ** 2) < 0.5 * near
+
+
+def test_a_polished_surface_mirrors_the_highlight_on_its_neighbour() -> None:
+    # of a finish with twice the highlights, a mirror shows twice as bright ones
+    light, near = floor_between("ring", -21.5, -20)
+    count = len(HIGHLIGHT_WIDTHS_RAD)
+    sure = tuple(map(tuple, (1e-12 * np.eye(count)).tolist()))
+    per_matt = []
+    for peak in (4.0, 8.0):
+        finish = Finish((0.0, peak, 0.0, 0.0), sure)
+        mirrored, _ = light.bounced.most_mirrored(finish)
+        per_matt.append(mirrored[near].mean() / finish.albedo)
+    # highlights on highlights grow with the square, the rest with the first power
+    assert 2.2 < per_matt[1] / per_matt[0] <= 4.0
+
+
+# --- what pictures tell of a finish --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_highlight_sends_as_much_light_as_its_solid_angle_holds(number: int) -> None:
+    # beside a matt surface of the same peak, which sends pi steradians of it
+    theta = np.linspace(0.0, np.pi / 2, 20_001)
+    lobe = np.exp(-0.5 * (theta / 2 / HIGHLIGHT_WIDTHS_RAD[number]) ** 2) * np.sin(theta)
+    sent = 2 * np.pi * float(np.trapezoid(lobe, theta)) / np.pi
+    assert LOBE_SR[number] == pytest.approx(sent, rel=0.05)
+
+
+def test_no_finish_reflects_more_light_than_it_may() -> None:
+    for peak in (0.0, 1.0, 30.0):
+        one = Polish(np.array([0.0, peak, 0.5 * peak, 0.0]), 1e6 * np.eye(4))
+        finish = finish_of([one])
+        sent = finish.albedo * (1.0 + np.maximum(finish.peaks, 0.0) @ LOBE_SR)
+        assert sent == pytest.approx(ALBEDO, rel=1e-3)
+
+
+def test_pictures_together_tell_more_of_a_finish_and_none_tells_nothing() -> None:
+    one = Polish(np.array([0.1, 0.4, 0.8, 0.2]), np.diag([0.5, 1.0, 4.0, 9.0]))
+    lobes = np.eye(4)
+    open_, few, many = (finish_of([one] * n).brightest(lobes) for n in (0, 2, 50))
+    assert (open_ > few).all()
+    assert (few > many).all()
+    assert finish_of([]).peaks == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_pictures_that_disagree_are_less_sure_by_as_much_as_they_disagree() -> None:
+    told = 25.0 * np.eye(4)
+    low, high = np.full(4, 1.0), np.full(4, 3.0)
+    agree = finish_of([Polish(low, told)] * 10)
+    differ = finish_of([Polish(low, told), Polish(high, told)] * 5)
+    # 1 off on either side of 2, where 0.2 is claimed: 25 times the variance, less the prior's part
+    ratio = np.diag(differ.covariance) / np.diag(agree.covariance)
+    assert ratio == pytest.approx(np.full(4, 25.0), rel=0.25)
+
+
+def test_highlights_that_are_known_to_be_wide_leave_little_unevenness() -> None:
+    light, here = floor_between("ring", -18, -10)
+    told = 100.0 * np.eye(4)
+    wide = finish_of([Polish(np.array([0.0, 0.0, 0.0, 0.5]), told)])
+    narrow = finish_of([Polish(np.array([5.0, 0.0, 0.0, 0.0]), told)])
+    wide_uneven, narrow_uneven = (
+        light.bounced.most_mirrored(finish)[1][here].mean() for finish in (wide, narrow)
+    )
+    assert wide_uneven < 0.5 * narrow_uneven
 
 
 def test_what_falls_on_a_step_does_not_fall_on_the_face_around_it() -> None:

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from controller.inspection.lit.bounce import Bounced
+from controller.inspection import InspectionLimits
+from controller.inspection.lit.bounce import Bounced, Mirrored, Neighbours
 from controller.inspection.lit.brightness import fit_brightness
 from controller.inspection.lit.claims import share_of_face
-from controller.inspection.lit.light import HIGHLIGHT_WIDTHS_RAD, Light
+from controller.inspection.lit.compare import compare
+from controller.inspection.lit.finish import HIGHLIGHT_WIDTHS_RAD, Polish, finish_of
+from controller.inspection.lit.light import Light
 from controller.inspection.lit.marks import (
     DIRECTIONS,
     DISC,
@@ -331,7 +334,9 @@ def light_on(matt: Array, glint: Array) -> Light:
     glints = [(zero, zero) for _ in HIGHLIGHT_WIDTHS_RAD]
     glints[1] = (glint, glint)
     nowhere = np.zeros(SHAPE, dtype=bool)
-    none = Bounced(zero, zero, zero, zero)
+    alone = Neighbours(nowhere, np.zeros(SHAPE, np.int32), np.zeros((0, 3)), (), ())
+    dark = np.zeros((len(HIGHLIGHT_WIDTHS_RAD), 0))
+    none = Bounced(zero, zero, Mirrored(dark, dark, dark[0], dark, dark, dark), alone)
     return Light(matt, matt, matt, none, tuple(glints), nowhere, nowhere)
 
 
@@ -374,6 +379,38 @@ def test_light_that_no_fitted_node_shows_is_not_known() -> None:
     got = fit_brightness(picture, light_on(matt, glint), fitting, face)
     assert got.spread[60, 130] > 0.3
     assert got.spread[60, 60] < 0.05
+
+
+def compared_beside(thrown: Array) -> NDArray[np.bool_]:
+    """Where a polished plane is compared, beside neighbours that may throw so much on it."""
+    u, _ = grid()
+    surface, matt = plane(), (0.5 + 0.4 * u / SHAPE[1]).astype(np.float32)
+    zero, coarse = np.zeros(SHAPE, np.float32), surface.seen[::4, ::4]
+    about = Neighbours(coarse, surface.face, np.zeros((int(coarse.sum()), 3)), (), ())
+    dark = np.zeros((len(HIGHLIGHT_WIDTHS_RAD), int(coarse.sum())))
+    lobes = dark.copy()
+    lobes[-1] = thrown[::4, ::4][coarse]
+    light = replace(
+        light_on(matt, zero),
+        bounced=Bounced(zero, zero, Mirrored(lobes, dark, dark[0], dark, dark, dark), about),
+    )
+    picture = 120 * matt
+    brightness = fit_brightness(picture, light, surface.seen, surface.face)
+    finish = finish_of([Polish(np.array([0.0, 0.0, 0.0, 1.0]), 1e4 * np.eye(4))])
+    mirrored, _ = light.bounced.most_mirrored(finish)
+    limits = InspectionLimits()
+    found = compare(picture, surface, light, brightness, mirrored, surface.seen, 20.0, limits, 0.3)
+    assert not found.wrong.any()
+    return found.compared
+
+
+def test_light_that_a_face_has_alike_from_neighbours_is_in_its_tone() -> None:
+    u, _ = grid()
+    seen = plane().seen
+    assert compared_beside(np.full(SHAPE, 2.0, np.float32))[seen].mean() > 0.9
+    corner = compared_beside(np.where(u > 120, np.float32(2.0), np.float32(0.0)))
+    assert not corner[:, 128:].any()
+    assert corner[seen & (u < 110)].mean() > 0.9
 
 
 @pytest.mark.parametrize(("size_mm", "expected"), [(0.3, True), (1.2, False)])

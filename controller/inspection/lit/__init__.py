@@ -1,7 +1,7 @@
 """Comparison of pictures under lamps with bounds on the light: coverage and differences."""
 
-from .brightness import Polish, gloss_of
 from .compare import BURNT_GREY
+from .finish import Finish, Polish, finish_of
 from .learned import (
     COARSE,
     Appearance,
@@ -36,13 +36,14 @@ __all__ = [
     "SPOT_NODES",
     "STEP_PX",
     "Appearance",
+    "Finish",
     "LearnedPicture",
     "LearnedView",
     "LitPictures",
     "Polish",
     "contrast",
     "filtered",
-    "gloss_of",
+    "finish_of",
     "on_grid",
     "pose_gap",
     "regridded",

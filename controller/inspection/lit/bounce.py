@@ -1,11 +1,12 @@
 """Light that part and gripper reflect on each other, after one bounce.
 
 Light from matt neighbours is predicted: each ray from a surface meets a neighbour, which the lamp
-shines on or not. Its strength is the finish's, and is fitted to the picture (ADR 122). Light from
-polished neighbours, and mirror images in a polished surface, have a bound (ADR 30).
+shines on or not. Its strength is the finish's, and is fitted to the picture. Light from polished
+neighbours, and mirror images in a polished surface, have a bound, which depends on how bright and
+wide the finish's highlights are (ADR 122).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -24,17 +25,15 @@ from controller.arrays import (
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
 
 from .._scene import SHADOW_OFFSET_MM
+from .finish import ALBEDO, HIGHLIGHT_WIDTHS_RAD, LOBE_SR, Finish
 from .surface import Surface
 
-ALBEDO: Final = 0.8  # largest albedo of a machined surface
 BOUNCE_STEP: Final = 4  # step in nodes, since bounced light is smooth
 BOUNCE_RAYS: Final = 40
-LOBE_RAD: Final = 0.2  # width of a polished neighbour's highlight, twice the spacing of rays
-POLISH: Final = 3.0  # peak brightness of a narrower highlight, as a factor
+# Least width of a neighbour's highlight, twice the spacing of rays: a narrower one counts as that
+# wide, and less bright by as much.
+LOBE_RAD: Final = 0.2
 UNEVEN_MM: Final = 2.0  # distance from which light changes by half within a defect's width
-# Spread of a ray by a polished surface, twice the tilt of its facets: twice the narrowest of
-# `HIGHLIGHT_WIDTHS_RAD`.
-POLISHED_SPREAD_RAD: Final = 0.17
 # Directions about the mirror direction that a polished surface shows, within its lobe.
 MIRROR_SPREAD: Final = ((0.0, 0.0), (0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15))
 EVEN_NORMALS: Final = 0.999  # length of the mean of unit normals that differ by a few degrees
@@ -135,6 +134,44 @@ def find_neighbours(
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Mirrored:
+    """Light that mirrors leave at the coarse nodes (n,), before a finish is known.
+
+    For each width of highlights (`HIGHLIGHT_WIDTHS_RAD`), of peak 1.
+
+    Attributes
+    ----------
+    thrown : (k, n) from neighbours that mirror the lamp, on a matt surface
+    thrown_uneven : (k, n) the portion of it that may change within a defect's width
+    matt : (n,) of lit neighbours in a mirror, or how uneven it is there
+    glints, glints_uneven : (k, n) highlights on neighbours in a mirror, likewise
+    kept : (k, n) share of an image that may change within a defect's width
+    """
+
+    thrown: FloatArray
+    thrown_uneven: FloatArray
+    matt: FloatArray
+    glints: FloatArray
+    glints_uneven: FloatArray
+    kept: FloatArray
+
+    def most(self, finish: Finish) -> tuple[FloatArray, FloatArray]:
+        """Return upper bounds (n,) on the light that a finish mirrors, and on what is uneven."""
+        glints, uneven = (finish.brightest(lobes) for lobes in (self.glints, self.glints_uneven))
+        lobes = LOBE_SR[:, None]
+        return (
+            np.maximum(
+                finish.albedo * finish.brightest(self.thrown),
+                finish.albedo * finish.brightest(lobes * (self.matt + glints)),
+            ),
+            np.maximum(
+                finish.albedo * finish.brightest(self.thrown_uneven),
+                finish.albedo * finish.brightest(lobes * self.kept * (self.matt + uneven)),
+            ),
+        )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Bounced:
     """Light bounced once, (h, w), in units of a matt surface square to the lamp.
 
@@ -142,15 +179,25 @@ class Bounced:
     ----------
     matt : light from matt neighbours of the albedo `ALBEDO`, predicted
     most : its maximum about each node, on its own face
-    mirrored : upper bound on light from a polished neighbour that mirrors the lamp, or by a
-        polished surface that mirrors its neighbours
-    mirrored_uneven : the portion of it that may change within a defect's width
+    mirrored : light from a neighbour that mirrors the lamp, or by a surface that mirrors its
+        neighbours, of which a finish has a share
+    about : surroundings of the surface
     """
 
     matt: Float32Array
     most: Float32Array
-    mirrored: Float32Array
-    mirrored_uneven: Float32Array
+    mirrored: Mirrored
+    about: Neighbours
+
+    def most_mirrored(self, finish: Finish) -> tuple[Float32Array, Float32Array]:
+        """Return upper bounds (h, w) on the light that a finish mirrors, and on what is uneven."""
+        coarse = self.about.coarse
+        both = []
+        for most in self.mirrored.most(finish):
+            out = np.zeros(coarse.shape, dtype=np.float32)
+            out[coarse] = most
+            both.append(_between(out, self.about.face))
+        return both[0], both[1]
 
 
 def bounced_light(
@@ -168,40 +215,46 @@ def bounced_light(
     reference : distance [mm] at which the lamp's light counts as 1
     is_reached : mask (k,) of the points with some normals (k, 3), world, that the lamp reaches
     """
-    count = len(about.points)
-    total = np.zeros((3, count))
-    every = [
-        (met, *_thrown(met, about.points, source, reference), _unevenness(met.distance_mm))
-        for met in about.around
-    ]
-    reached = _reached([met for met, *_ in every], is_reached)
-    for (met, matt, glossy, sharp), lit in zip(every, reached, strict=True):
-        thrown = np.stack([ALBEDO * matt * lit, glossy, sharp * glossy])
-        total[:, met.hit] += thrown / BOUNCE_RAYS
-    lights, facing = (np.zeros((len(about.mirrored), count, k)) for k in (1, 3))
+    count, widths = len(about.points), len(HIGHLIGHT_WIDTHS_RAD)
+    matt_light = np.zeros(count)
+    thrown, uneven = np.zeros((2, widths, count))
+    reached = _reached(about.around, is_reached)
+    for met, lit in zip(about.around, reached, strict=True):
+        matt, glossy = _thrown(met, about.points, source, reference)
+        matt_light[met.hit] += ALBEDO * matt * lit / BOUNCE_RAYS
+        glossy /= BOUNCE_RAYS
+        thrown[:, met.hit] += glossy
+        uneven[:, met.hit] += _unevenness(met.distance_mm) * glossy
+    mirrored = Mirrored(thrown, uneven, *_images(about, source, reference))
+    out = np.zeros(about.coarse.shape, dtype=np.float32)
+    out[about.coarse] = matt_light
+    return Bounced(_between(out, about.face), _most_about(out, about.face), mirrored, about)
+
+
+def _images(
+    about: Neighbours, source: FloatArray, reference: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return what mirrors show of neighbours, as `Mirrored` has it from `matt` on."""
+    count, widths = len(about.points), len(HIGHLIGHT_WIDTHS_RAD)
+    lights = np.zeros((len(about.mirrored), 1 + widths, count))
+    facing = np.zeros((len(about.mirrored), count, 3))
     nearest_mm = np.full(count, np.inf)
     for met, light, normal in zip(about.mirrored, lights, facing, strict=True):
-        matt, _ = _thrown(met, about.points, source, reference)
-        light[met.hit, 0], normal[met.hit] = ALBEDO * matt, met.normals
+        matt, glossy = _thrown(met, about.points, source, reference)
+        light[0, met.hit], light[1:, met.hit] = ALBEDO * matt, glossy
+        normal[met.hit] = met.normals
         nearest_mm[met.hit] = np.minimum(nearest_mm[met.hit], met.distance_mm)
-    if count:
-        # A mirrored plane is as even as the light on it; other surfaces have borders or glints.
-        same = np.linalg.norm(facing.mean(axis=0), axis=1) > EVEN_NORMALS
-        most, least = lights.max(axis=0)[:, 0], lights.min(axis=0)[:, 0]
-        image = np.where(same, most - least, most)
-        total[1:] = np.maximum(total[1:], np.stack([image, _unevenness(nearest_mm) * image]))
-    out = np.zeros((3, *about.coarse.shape), dtype=np.float32)
-    out[:, about.coarse] = total
-    matt, *others = out
-    return Bounced(
-        _between(matt, about.face),
-        _most_about(matt, about.face),
-        *(_between(one, about.face) for one in others),
-    )
+    if not count:
+        return np.zeros(0), lights.sum(axis=0)[1:], lights.sum(axis=0)[1:], np.zeros((widths, 0))
+    # A mirrored plane is as even as the light on it; other surfaces have borders or glints.
+    same = np.linalg.norm(facing.mean(axis=0), axis=1) > EVEN_NORMALS
+    most = lights.max(axis=0)
+    range_ = np.where(same, most - lights.min(axis=0), most)
+    return range_[0], most[1:], range_[1:], _unevenness(nearest_mm)
 
 
 def _reached(
-    every: list[Met], is_reached: Callable[[FloatArray, FloatArray], BoolArray]
+    every: Sequence[Met], is_reached: Callable[[FloatArray, FloatArray], BoolArray]
 ) -> list[BoolArray]:
     """Return a mask of the points met that the lamp reaches, for each set of rays."""
     if not every:
@@ -214,14 +267,18 @@ def _reached(
 
 
 def _unevenness(distance_mm: FloatArray) -> FloatArray:
-    """Return the share (k,) of mirrored light from afar that may change within a defect."""
-    return 1.0 / (1.0 + (POLISHED_SPREAD_RAD * distance_mm / UNEVEN_MM) ** 2)
+    """Return the share (k, n) of mirrored light from afar that may change within a defect.
+
+    A surface spreads a ray by twice the tilt of its facets, so by twice a highlight's width.
+    """
+    spread = 2.0 * np.array(HIGHLIGHT_WIDTHS_RAD)[:, None]
+    return np.asarray(1.0 / (1.0 + (spread * distance_mm / UNEVEN_MM) ** 2))
 
 
 def _thrown(
     met: Met, to: FloatArray, source: FloatArray, reference: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the light (k,) reflected by the surfaces hit by rays, if matt and if polished."""
+    """Return the light that the surfaces hit by rays (n,) reflect: matt (n,), highlights (k, n)."""
     towards = source - met.points
     distance = lengths(towards)
     towards /= distance[:, None]
@@ -230,8 +287,14 @@ def _thrown(
     half = towards + (to[met.hit] - met.points) / met.distance_mm[:, None]
     half /= np.maximum(lengths(half), 1e-9)[:, None]
     angle = np.arccos(np.clip(inner(half, met.normals), -1.0, 1.0))
-    lobe = np.exp(-0.5 * (angle / LOBE_RAD) ** 2) / (8 * LOBE_RAD**2)
-    return np.maximum(cosine, 0.0) * fall, POLISH * lobe * fall * (cosine > 0)
+    shines = fall * (cosine > 0)
+    wide = np.maximum(HIGHLIGHT_WIDTHS_RAD, LOBE_RAD)
+    bells = {width: np.exp(-0.5 * (angle / width) ** 2) * shines for width in set(wide.tolist())}
+    lobes = [
+        (width / as_wide) ** 2 * bells[as_wide]
+        for width, as_wide in zip(HIGHLIGHT_WIDTHS_RAD, wide.tolist(), strict=True)
+    ]
+    return np.maximum(cosine, 0.0) * fall, np.stack(lobes)
 
 
 def _most_about(coarse: Float32Array, face: Int32Array) -> Float32Array:

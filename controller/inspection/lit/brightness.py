@@ -6,7 +6,6 @@ share below zero. The deviation of the picture from the fit is the prediction's 
 where highlights or bounced light dominate.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,6 +14,7 @@ from scipy.optimize import nnls
 
 from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array
 
+from .finish import PRIOR_SHARE, Polish
 from .light import Light
 
 FIT_SAMPLE: Final = 4000
@@ -22,7 +22,6 @@ ROUNDS: Final = 6
 OUTLYING: Final = 2.0  # robust standard deviations from which a node has less weight
 PIECES: Final = 5  # number of independent pieces of a face, whose finish is alike all over it
 STRAY_GREY: Final = 5.0  # largest stray light, in grey levels of eight bits
-PRIOR_SHARE: Final = 1.0  # usual strength of highlights, in matt shares
 MIN_ERROR: Final = 0.01  # least error, as a share of the brightness
 # Bins for the share of highlight and bounce in the brightness.
 SHARE_BINS: Final = (0.0, 0.15, 0.4, 0.7, 1.01)
@@ -34,7 +33,6 @@ FACE_COUNT: Final = 60  # least number of nodes for the tone of a face
 FAINT_GREY: Final = 6.0
 # Gain [grey] of a matt surface square to the lamp, which a black picture has too.
 MIN_GAIN: Final = 1.0
-POLISHED: Final = 4.0  # peak of a polished finish's highlights, in matt shares
 TINY: Final = 1e-9  # regularisation, so that a lamp without visible light leaves the matrix regular
 
 
@@ -60,41 +58,7 @@ class Brightness:
     tone: Float32Array
     misfit: float
     typical: float
-    polish: "Polish"
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Polish:
-    """Evidence of a picture on the highlights of a finish, by their width.
-
-    Attributes
-    ----------
-    peaks : (k,) of highlights, in matt shares
-    information : (k, k) inverse of their covariance, from the picture alone
-    """
-
-    peaks: FloatArray
-    information: FloatArray
-
-
-def gloss_of(evidence: Sequence[Polish]) -> float:
-    """Return the highest possible polish of a finish, from 0 to 1, by all pictures of a part.
-
-    It follows from the highlights plus two standard deviations. A finish with highlights half as
-    bright has wider ones, so a mirror image in it is a quarter as bright at any place. A picture
-    whose lamp is mirrored nowhere near the camera tells little, and pictures together tell more.
-
-    Parameters
-    ----------
-    evidence : of pictures; with none the finish may be polished
-    """
-    if not evidence:
-        return 1.0
-    prior = np.eye(len(evidence[0].peaks)) / PRIOR_SHARE**2
-    covariance = np.linalg.inv(prior + np.sum([one.information for one in evidence], axis=0))
-    peaks = covariance @ np.sum([one.information @ one.peaks for one in evidence], axis=0)
-    most = float(np.maximum(peaks, 0.0).sum()) + 2 * float(np.sqrt(covariance.sum()))
-    return float(min(most / POLISHED, 1.0)) ** 2
+    polish: Polish
 
 
 def fit_brightness(

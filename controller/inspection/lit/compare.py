@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from controller.arrays import BoolArray, Float32Array
 
 from .._types import InspectionLimits, Unjudged
-from .brightness import Brightness
+from .brightness import FACE_COUNT, Brightness
 from .light import Light
 from .surface import Surface
 
@@ -32,7 +32,6 @@ HALF: Final = 0.5  # change of brightness to detect: to half of the prediction, 
 TWICE: Final = 2.0
 UNLIT_GREY: Final = 25.0
 PENUMBRA_SHARE: Final = 0.25
-GLOSS: Final = 3.0  # light from polished neighbours in one direction, relative to matt ones
 BURNT_GREY: Final = 252
 MAX_BURNT: Final = 0.5  # largest burnt-out share of the lit surface; the rest is still compared
 # Share of a face's nodes that are wrong together, from which its light is not understood.
@@ -79,7 +78,7 @@ def compare(
     surface: Surface,
     light: Light,
     brightness: Brightness,
-    gloss: float,
+    mirrored: Float32Array,
     valid: BoolArray,
     ground: float,
     limits: InspectionLimits,
@@ -93,7 +92,7 @@ def compare(
     surface : surface of the part seen by the nodes
     light : bounds on the lamp's light on it
     brightness : brightness fitted to the picture
-    gloss : highest possible polish of the finish, from 0 to 1
+    mirrored : (h, w) upper bound on the light that the finish mirrors
     valid : mask inside the outline, not beside the gripper or in its shadow
     ground : brightness of the wall behind the part
     limits : limits of the differences
@@ -111,10 +110,11 @@ def compare(
     half_width = 0.5 * (light.most - light.least)
     width = np.where(light.most > 0.02, scale * half_width, 0.0)
     low = np.maximum(middle - width, 0.0) * (1 - np.minimum(play, 1.0))
-    from_others = np.maximum(light.bounced.most, gloss * light.bounced.mirrored)
+    from_others = np.maximum(light.bounced.most, mirrored)
     bounced = unshaded * np.minimum(from_others, 1.0)
     own = (middle + width) * (1 + play)
-    high = own + np.float32(1 + (GLOSS - 1) * gloss) * bounced
+    beyond = unshaded * np.minimum(_beyond_tone(from_others, surface, light, valid), 1.0)
+    high = own + beyond
     penumbra = in_penumbra(light)
     high = np.where(penumbra, np.maximum(high, unshaded * (1 + play) + bounced), high)
     kernel = np.ones((3, 3), np.uint8)
@@ -145,7 +145,7 @@ def compare(
     for which, why in (
         (odd | (play > HALF), Unjudged.LIGHT),
         (burnt, Unjudged.HIGHLIGHT),
-        (bounced > 0.4 * middle, Unjudged.BOUNCE),
+        (beyond > 0.4 * middle, Unjudged.BOUNCE),
         # Light from neighbours alone may double the brightness.
         ((top > TWICE * middle) & (bare + floor <= TWICE * middle), Unjudged.BOUNCE),
         (penumbra, Unjudged.PENUMBRA),
@@ -155,6 +155,21 @@ def compare(
     ):
         reason[seen & ~compared & which] = why.number
     return Compared(wrong, compared, reason)
+
+
+def _beyond_tone(
+    from_others: Float32Array, surface: Surface, light: Light, valid: BoolArray
+) -> Float32Array:
+    """Return by how much light from neighbours (h, w) may exceed what a face's tone has of it.
+
+    A face's tone is the median of its lit nodes, so it holds the light that these have alike.
+    """
+    lit = fitted_nodes(surface, light, valid)
+    out = from_others.copy()
+    for face in np.flatnonzero(np.bincount(surface.face[lit], minlength=1) >= FACE_COUNT).tolist():
+        mine = lit & (surface.face == face)
+        out[mine] = np.maximum(out[mine] - np.median(out[mine]), 0.0)
+    return out
 
 
 def _odd_faces(wrong: BoolArray, surface: Surface, valid: BoolArray) -> BoolArray:

@@ -17,11 +17,11 @@ from controller.imaging import Camera, PointLamp, RayCaster, inverse_pose, trans
 
 from .._scene import SHADOW_OFFSET_MM, lamp_points, lamp_reaches
 from .bounce import Bounced, Neighbours, bounced_light
+from .finish import HIGHLIGHT_WIDTHS_RAD
 from .surface import Surface
 
 COSINE_PLAY: Final = 0.02  # error of a cosine, for pose and surface turned by a degree
 BLUR_NODES: Final = 3  # window of nodes within which a shadow's border may lie elsewhere
-HIGHLIGHT_WIDTHS_RAD: Final = tuple(float(np.radians(d)) for d in (5.0, 9.0, 13.0, 18.0))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -26,7 +26,7 @@ from ..registration import (
     register_edges,
 )
 from .bounce import Neighbours, find_neighbours
-from .brightness import Brightness, Polish, fit_brightness
+from .brightness import Brightness, fit_brightness
 from .claims import near_own_face, share_of_face
 from .compare import (
     BURNT_GREY,
@@ -38,6 +38,7 @@ from .compare import (
     fitted_nodes,
     in_penumbra,
 )
+from .finish import Finish, Polish
 from .learned import (
     DARK_GREY,
     OTHER_FINISH,
@@ -70,7 +71,6 @@ EDGE_PLAY_MM: Final = 0.3  # tolerance for broken edges and for features out of 
 EDGE_PLAY_PX: Final = 2.0  # blur of the edge and of the filters, three standard deviations
 POSE_SPREADS: Final = 2.0  # standard deviations of the pose by which an edge may be off
 SPREAD_NODES: Final = 8  # step in nodes: the pose's spread changes slowly
-BOUNCED: Final = 1.5  # light that a glossy corner adds in one place, in that of matt neighbours
 # Border of a gripper's shadow, which no lamp's size is known well enough for.
 SHADOW_NODES: Final = 5
 PARTLY_NODES: Final = 2  # width in nodes: lamps are a little larger than their centres suggest
@@ -267,14 +267,14 @@ class LitPictures:
         return ratio(observed, self._brightness(lamp_name)), good
 
     def check(
-        self, lamp_name: str, gloss: float, learned: LearnedView | None = None
+        self, lamp_name: str, finish: Finish, learned: LearnedView | None = None
     ) -> tuple[Check, list[Finding], NDArray[np.uint8]]:
         """Return the check of a lamp's picture, its findings, and the reasons for the rest (n,).
 
         Parameters
         ----------
         lamp_name : one of the view's lamps
-        gloss : highest possible polish of the finish, from 0 to 1
+        finish : of the part
         learned : the same view of good parts; None for none
         """
         task, limits = self._task, self._task.limits
@@ -287,16 +287,17 @@ class LitPictures:
             check = Check(lamp_name, reason or "", self._none(), is_dark=is_dark)
             return check, [], code.astype(np.uint8)
         brightness = self._brightness(lamp_name)
+        mirrored, uneven = lit.light.bounced.most_mirrored(finish)
         outcome = compare(
-            lit.observed, self._surface, lit.light, brightness, gloss, lit.valid, lit.ground,
+            lit.observed, self._surface, lit.light, brightness, mirrored, lit.valid, lit.ground,
             limits, self._flattest,
         )  # fmt: skip
         found = self._wrong_light(lamp_name, outcome)
-        texture, noise, bounced, known = self._texture(lit, brightness, gloss, learned)
+        texture, noise, bounced, known = self._texture(lit, brightness, uneven, learned)
         answer = answers(texture, noise, bounced, limits.false_marks, limits.weak_marks, known)
         if answer.noisier > OTHER_FINISH:
             # not what was learned: prediction decides
-            texture, noise, bounced, known = self._texture(lit, brightness, gloss, None)
+            texture, noise, bounced, known = self._texture(lit, brightness, uneven, None)
             answer = answers(texture, noise, bounced, limits.false_marks, limits.weak_marks)
         found += local_findings(
             answer,
@@ -420,7 +421,11 @@ class LitPictures:
         )  # fmt: skip
 
     def _texture(
-        self, lit: "_LitPicture", brightness: Brightness, gloss: float, learned: LearnedView | None
+        self,
+        lit: "_LitPicture",
+        brightness: Brightness,
+        uneven: Float32Array,
+        learned: LearnedView | None,
     ) -> tuple[Texture, Float32Array, Float32Array, Known | None]:
         """Return the texture under a lamp, the camera's noise, bounced light, and good parts."""
         x0, y0, x1, y1 = self._fit.maps.roi
@@ -435,9 +440,8 @@ class LitPictures:
             texture = learned_texture(contrast(ratios, known.mean, known.mask), grey, known.mask)
         else:
             texture = self._own_texture(lit, brightness)
-            uneven = gloss * lit.light.bounced.mirrored_uneven
-            uneven = np.asarray(uneven / np.maximum(lit.light.least, LIT), np.float32)
-            bounced = np.where(self._surface.seen, np.float32(BOUNCED) * uneven, np.float32(0))
+            share = np.asarray(uneven / np.maximum(lit.light.least, LIT), np.float32)
+            bounced = np.where(self._surface.seen, share, np.float32(0))
         window = lit.picture[y0:y1, x0:x1].astype(np.float32)
         grey_noise = max(picture_noise(window), MIN_NOISE_GREY) / STEP_PX
         noise = np.asarray(grey_noise / np.maximum(texture.smooth, 1.0), np.float32)
