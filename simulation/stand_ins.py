@@ -32,7 +32,7 @@ from controller.inspection.characteristics import (
     Rim,
     RimGeometry,
 )
-from controller.planning import Look, NoPlanError, Plan, Present, ShortFace, Start
+from controller.planning import FaceToShowAgain, Look, NoPlanError, Plan, Present, Start
 from controller.planning.geometry import Box, segments_hit
 from controller.recognition import Alternative, Sighting
 
@@ -199,7 +199,7 @@ class StandIns(Compute):
         avoid: frozenset[str],
         alternatives: tuple[Alternative, ...],
         around: Around = ALONE,
-        short: frozenset[ShortFace] = frozenset(),
+        short: frozenset[FaceToShowAgain] = frozenset(),
     ) -> Plan:
         """Return the planner's plan; of one start it is made once."""
         await self._take("plan")

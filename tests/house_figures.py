@@ -592,6 +592,20 @@ def underscores(sources: list[Source]) -> dict[str, Any]:
     }
 
 
+# -- names
+
+
+def homonyms(sources: list[Source]) -> dict[str, list[str]]:
+    """Return the files of each public class name of production that more than one file defines."""
+    found: dict[str, list[str]] = {}
+    for source in sources:
+        if source.module.split(".")[0] == "controller":
+            for node in source.tree.body:
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    found.setdefault(node.name, []).append(str(source.path))
+    return {name: files for name, files in sorted(found.items()) if len(files) > 1}
+
+
 # -- all of it
 
 
@@ -613,6 +627,7 @@ def house_figures(root: Path) -> dict[str, Any]:
         "raises": raises_documented(sources),
         "returns": returns_documented(sources),
         "underscores": underscores(sources),
+        "homonyms": homonyms(sources),
     }
 
 
@@ -653,6 +668,10 @@ def print_table(figures: dict[str, Any]) -> None:
         f"{f['by_tests_and_benchmarks']} times by {f['files_of_tests_and_benchmarks']} files of "
         f"tests and benchmarks, {f['by_other_packages']} times by other packages"
     )
+    names = figures["homonyms"]
+    print(f"class names of the controller that stand in two files and more: {len(names)}")
+    for name, files in names.items():
+        print(f"    {name:20} {', '.join(files)}")
 
 
 def main() -> int:

@@ -6,7 +6,17 @@ correctness.
 """
 
 from .ahead import Ahead, Made
-from .pool import LOCAL, Jobs, Pool, jobs_among, open_pool
-from .tasks import Work, is_made
+from .pool import LOCAL, Jobs, TaskPool, jobs_among, open_pool
+from .tasks import PartWork, is_made
 
-__all__ = ["LOCAL", "Ahead", "Jobs", "Made", "Pool", "Work", "is_made", "jobs_among", "open_pool"]
+__all__ = [
+    "LOCAL",
+    "Ahead",
+    "Jobs",
+    "Made",
+    "PartWork",
+    "TaskPool",
+    "is_made",
+    "jobs_among",
+    "open_pool",
+]

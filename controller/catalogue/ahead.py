@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from typing import Any, Final
 
-from .pool import Pool
-from .tasks import Compiled, Work, certify_some, compile_one, prepare_one
+from .pool import TaskPool
+from .tasks import Compiled, PartWork, certify_some, compile_one, prepare_one
 
 AHEAD: Final = 2  # tasks handed out for each worker: one in hand, one waiting
 
@@ -32,7 +32,7 @@ class Made:
 class _Part:
     """Progress of a part."""
 
-    work: Work
+    work: PartWork
     compiled: Compiled | None = None
     left: int = 1  # number of known, unfinished tasks
     planned: bool = False
@@ -58,7 +58,7 @@ class Ahead:
     works : the parts, in the order in which they are wanted
     """
 
-    def __init__(self, pool: Pool, works: Sequence[Work]) -> None:
+    def __init__(self, pool: TaskPool, works: Sequence[PartWork]) -> None:
         self._pool = pool
         self._parts = [_Part(work) for work in works]
         self._waiting: list[_Task] = []

@@ -39,7 +39,7 @@ LOCAL: Final = Jobs()
 
 
 @dataclass(frozen=True, slots=True)
-class Pool:
+class TaskPool:
     """An executor, and the number of tasks it runs at a time."""
 
     executor: Executor
@@ -68,7 +68,7 @@ def jobs_among(text: str | None) -> Jobs:
 
 
 @contextmanager
-def open_pool(jobs: Jobs) -> Iterator[Pool | None]:
+def open_pool(jobs: Jobs) -> Iterator[TaskPool | None]:
     """Yield the pool, None where this process works alone; at the end, drop unfinished work.
 
     Parameters
@@ -86,11 +86,11 @@ def open_pool(jobs: Jobs) -> Iterator[Pool | None]:
         yield None
     else:
         with worker_pool("controller.catalogue", jobs.count) as pool:
-            yield Pool(pool, jobs.count)
+            yield TaskPool(pool, jobs.count)
 
 
 @contextmanager
-def _dask(address: str) -> Iterator[Pool]:
+def _dask(address: str) -> Iterator[TaskPool]:
     try:
         distributed: Any = import_module("distributed")  # untyped
     except ImportError as error:
@@ -107,6 +107,6 @@ def _dask(address: str) -> Iterator[Pool]:
             raise ConfigError(f"--jobs {address}: the scheduler has no worker; start one")
         executor = client.get_executor(pure=False, retries=1)
         try:
-            yield Pool(executor, count)
+            yield TaskPool(executor, count)
         finally:
             executor.shutdown(wait=False)  # cancels what is not done

@@ -23,7 +23,7 @@ from controller.setup.planner import planner_setup
 
 
 @dataclass(frozen=True, slots=True)
-class Work:
+class PartWork:
     """Work to do on one part.
 
     Attributes
@@ -61,7 +61,7 @@ class Compiled:
     distinct: tuple[int, ...] = ()
 
 
-def is_made(work: Work) -> bool:
+def is_made(work: PartWork) -> bool:
     """Return whether the cache has all that is to be made of a part, as far as its files say.
 
     Parameters
@@ -79,7 +79,7 @@ def is_made(work: Work) -> bool:
     return all(planning.is_certified(pose) for pose in part.poses if pose.is_distinct)
 
 
-def compile_one(work: Work) -> Compiled:
+def compile_one(work: PartWork) -> Compiled:
     """Compile a part into the cache, with its views if there is a camera; return the result.
 
     Parameters
@@ -98,7 +98,7 @@ def compile_one(work: Work) -> Compiled:
     return Compiled(time.perf_counter() - began, kept is not None, distinct=distinct)
 
 
-def prepare_one(work: Work) -> None:
+def prepare_one(work: PartWork) -> None:
     """Prepare a compiled part for the cell; certificates give the reason if nothing can hold it.
 
     Parameters
@@ -112,7 +112,7 @@ def prepare_one(work: Work) -> None:
         return
 
 
-def certify_some(work: Work, poses: Sequence[int]) -> None:
+def certify_some(work: PartWork, poses: Sequence[int]) -> None:
     """Certify stable poses of a compiled part; prepare the part first if that is not done yet.
 
     Parameters
@@ -126,10 +126,10 @@ def certify_some(work: Work, poses: Sequence[int]) -> None:
             planning.certified(pose)
 
 
-_last: list[tuple[Work, CompiledPart, PlanCache]] = []
+_last: list[tuple[PartWork, CompiledPart, PlanCache]] = []
 
 
-def _planning(work: Work) -> tuple[CompiledPart, PlanCache]:
+def _planning(work: PartWork) -> tuple[CompiledPart, PlanCache]:
     """Return a part and its plans; a worker continues with its previous part."""
     assert work.cell is not None
     of_plans = replace(work, camera=None)

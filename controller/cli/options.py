@@ -140,7 +140,7 @@ AsBuiltOption = Annotated[
 ]
 
 
-class Surfaces(StrEnum):
+class EmulatedFinish(StrEnum):
     """The appearance of parts in emulated pictures."""
 
     PLAIN = "plain"
@@ -148,7 +148,7 @@ class Surfaces(StrEnum):
 
 
 SurfacesOption = Annotated[
-    Surfaces | None,
+    EmulatedFinish | None,
     typer.Option(
         "--surfaces",
         rich_help_panel=EMULATED,

@@ -30,7 +30,7 @@ class SheetError(ValueError):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Face:
+class PlateFace:
     """One printed face of a plate.
 
     Attributes
@@ -61,17 +61,17 @@ class SheetPage:
     """
 
     paper_mm: tuple[float, float]
-    faces: tuple[tuple[Face, tuple[float, float]], ...]
+    faces: tuple[tuple[PlateFace, tuple[float, float]], ...]
     foot_mm: tuple[float, float]
 
 
-def faces_of(board: BoardSection) -> tuple[Face, ...]:
+def faces_of(board: BoardSection) -> tuple[PlateFace, ...]:
     """Return the printed faces of a board, the front first."""
     prints = {"front": board.build(), "back": board.build_back()}
     at = np.full(2, board.margin_mm)
     width_mm, height_mm, _ = board.plate_mm
     return tuple(
-        Face(
+        PlateFace(
             name=name,
             size_mm=(width_mm, height_mm),
             print_at_mm=(board.margin_mm, board.margin_mm),
@@ -120,7 +120,7 @@ def lay_out(board: BoardSection, paper: str) -> tuple[SheetPage, ...]:
     )
 
 
-def _page(faces: tuple[Face, ...], paper_mm: tuple[float, float], wide_mm: float) -> SheetPage:
+def _page(faces: tuple[PlateFace, ...], paper_mm: tuple[float, float], wide_mm: float) -> SheetPage:
     x_mm = (paper_mm[0] - wide_mm) / 2
     placed = []
     for face in faces:

@@ -20,7 +20,7 @@ _CHUNK: Final = 512
 
 
 @dataclass(frozen=True, slots=True)
-class Region:
+class ShowingRegion:
     """Where a board is to be shown: distances from the camera along its axis [mm]."""
 
     near_mm: float
@@ -33,7 +33,7 @@ def showing(
     camera: Camera,
     T_tcp_board: FloatArray,
     middle_mm: FloatArray,
-    region: Region,
+    region: ShowingRegion,
     count: int,
     rng: np.random.Generator,
     *,
@@ -79,7 +79,11 @@ def showing(
 
 
 def _facing(
-    camera: Camera, middle_mm: FloatArray, region: Region, count: int, rng: np.random.Generator
+    camera: Camera,
+    middle_mm: FloatArray,
+    region: ShowingRegion,
+    count: int,
+    rng: np.random.Generator,
 ) -> FloatArray:
     """Return poses (count, 4, 4) of a board in the world, its middle in the camera's picture."""
     width, height = camera.size_px

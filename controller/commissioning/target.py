@@ -11,7 +11,7 @@ from controller.config import Section, load_yaml
 from .calibration import (
     Charuco,
     Chessboard,
-    Placed,
+    PlacedBoard,
     Target,
     WorldFrame,
     charuco_board,
@@ -22,7 +22,7 @@ Corners = Annotated[int, Field(ge=3, le=100)]
 
 def _placed(text: str) -> str:
     """Return "flat" or "tilted"; raise ValueError for any other text."""
-    if text not in {member.value for member in Placed}:
+    if text not in {member.value for member in PlacedBoard}:
         raise ValueError(f"a board is placed flat (on the table) or tilted, not {text!r:.40}")
     return text
 
@@ -175,7 +175,9 @@ class CalibrationTarget(BoardSection):
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(f"`images` names {twice[0]} twice; remove one")
-        flat = [picture.image for picture in self.images if picture.placed == Placed.FLAT.value]
+        flat = [
+            picture.image for picture in self.images if picture.placed == PlacedBoard.FLAT.value
+        ]
         if not flat:
             raise ValueError(
                 "`images` has no flat board, so the table plane is unknown; take at least one "
@@ -194,9 +196,9 @@ class CalibrationTarget(BoardSection):
             )
         return self
 
-    def placed(self, image: str) -> Placed:
+    def placed(self, image: str) -> PlacedBoard:
         """Return the placement of the board in a picture of `images`."""
-        return Placed(next(p.placed for p in self.images if p.image == image))
+        return PlacedBoard(next(p.placed for p in self.images if p.image == image))
 
     def entry_of(self, path: Path) -> str | None:
         """Return the name in `images` that a file's name ends with, the longest of several."""

@@ -8,9 +8,9 @@ from typing import Any
 from drivers.errors import LinkError
 
 from .requirement import (
-    Bench,
-    Figure,
+    MeasuredFigure,
     Requirement,
+    TestBench,
     cancel_often,
     known_silent,
     naming,
@@ -24,7 +24,7 @@ Reading = Callable[[Any], Awaitable[Any]]
 def identity() -> Requirement:
     """Return the requirement that a connected device can be named."""
 
-    async def trial(bench: Bench) -> Figure:
+    async def trial(bench: TestBench) -> MeasuredFigure:
         await bench.opened()
         return require_model(bench)
 
@@ -40,7 +40,7 @@ def closing(close: str, reading: Reading) -> Requirement:
     reading : function that returns a reading of the device
     """
 
-    async def trial(bench: Bench) -> Figure:
+    async def trial(bench: TestBench) -> MeasuredFigure:
         device = await bench.opened()
         for number in range(2):
             with naming(f"closed {number + 1} times"):
@@ -48,14 +48,14 @@ def closing(close: str, reading: Reading) -> Requirement:
         with naming("opened after closing"):
             await device.connect()
             await reading(device)
-        return Figure()
+        return MeasuredFigure()
 
     return Requirement(
         "close", "Closing twice does no harm, and the same driver opens again.", trial
     )
 
 
-def silence(reading: Reading, limit_s: Callable[[Bench], float]) -> Requirement:
+def silence(reading: Reading, limit_s: Callable[[TestBench], float]) -> Requirement:
     """Return the requirement that a silent device is reported in time.
 
     Parameters
@@ -64,7 +64,7 @@ def silence(reading: Reading, limit_s: Callable[[Bench], float]) -> Requirement:
     limit_s : function that returns the time limit of that
     """
 
-    async def trial(bench: Bench) -> Figure:
+    async def trial(bench: TestBench) -> MeasuredFigure:
         device = await bench.opened()
         await bench.line.silence()
         try:
@@ -73,7 +73,7 @@ def silence(reading: Reading, limit_s: Callable[[Bench], float]) -> Requirement:
         finally:
             await bench.line.mend()
             await bench.close()
-        return Figure(took_s * 1e3, "ms", bench.clock.patience_s(limit) * 1e3)
+        return MeasuredFigure(took_s * 1e3, "ms", bench.clock.patience_s(limit) * 1e3)
 
     return Requirement(
         "time-out", "A silent device ends a reading with LinkError in time.", trial, cuts=True
@@ -89,7 +89,7 @@ def reconnection(reading: Reading, close: str = "") -> Requirement:
     close : method that has to be called before `connect`; none where `connect` is enough
     """
 
-    async def trial(bench: Bench) -> Figure:
+    async def trial(bench: TestBench) -> MeasuredFigure:
         device = await bench.opened()
         await bench.line.cut()
         try:
@@ -112,7 +112,7 @@ def reconnection(reading: Reading, close: str = "") -> Requirement:
 
         with naming("after the line was mended"):
             took_s = await timed(bench, limit, back(), "after the line was mended")
-        return Figure(took_s * 1e3, "ms", bench.clock.patience_s(limit) * 1e3)
+        return MeasuredFigure(took_s * 1e3, "ms", bench.clock.patience_s(limit) * 1e3)
 
     return Requirement(
         "reconnect", "Cut off and mended, the same driver connects again.", trial, cuts=True
@@ -120,7 +120,7 @@ def reconnection(reading: Reading, close: str = "") -> Requirement:
 
 
 def cancellation(
-    reading: Callable[[Bench], Awaitable[Any]], check: Callable[[Bench], Awaitable[None]]
+    reading: Callable[[TestBench], Awaitable[Any]], check: Callable[[TestBench], Awaitable[None]]
 ) -> Requirement:
     """Return the requirement that a cancelled exchange leaves the line usable.
 
@@ -130,7 +130,7 @@ def cancellation(
     check : raises `NotMetError` if the device does not answer as it should
     """
 
-    async def trial(bench: Bench) -> Figure:
+    async def trial(bench: TestBench) -> MeasuredFigure:
         await bench.opened()
 
         async def usable() -> None:

@@ -16,11 +16,11 @@ from drivers.kinds import Stop
 
 from . import _common
 from .requirement import (
-    Bench,
-    Figure,
+    MeasuredFigure,
     NotMetError,
     NotTriedError,
     Requirement,
+    TestBench,
     require,
     timed,
 )
@@ -41,21 +41,21 @@ async def _jaws(device: Any) -> Any:  # noqa: ANN401  (an arm, a reading)
     return await device.read_jaws()
 
 
-async def _usable(bench: Bench) -> None:
+async def _usable(bench: TestBench) -> None:
     reading = await bench.device.read_jaws()
     require(isinstance(reading.is_pressing, bool), "`is_pressing` is no bool")
 
 
-async def _connected(bench: Bench) -> Figure:
+async def _connected(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     require(isinstance(bench.answered.was_restarted, bool), "`was_restarted` is no bool")
     require(device.identity is not None, "connected, it has no identity")
     require(device.max_opening_mm > 0.0, f"its jaws open to {device.max_opening_mm} mm")
     await _usable(bench)
-    return Figure(device.max_opening_mm, "mm", None, "opening of its jaws")
+    return MeasuredFigure(device.max_opening_mm, "mm", None, "opening of its jaws")
 
 
-async def _not_homed(bench: Bench) -> Figure:
+async def _not_homed(bench: TestBench) -> MeasuredFigure:
     await bench.close()
     device = await bench.opened()
     if device.is_homed:
@@ -73,10 +73,10 @@ async def _not_homed(bench: Bench) -> Figure:
         except Exception as error:
             raise NotMetError(f"{what}, not homed: raised {error!r:.80}") from error
         raise NotMetError(f"{what}, not homed: it has positions that mean nothing")
-    return Figure()
+    return MeasuredFigure()
 
 
-async def _ready(bench: Bench) -> Any:  # noqa: ANN401  (an arm)
+async def _ready(bench: TestBench) -> Any:  # noqa: ANN401  (an arm)
     device = await bench.opened()
     if not device.is_homed:
         await device.enable_power()
@@ -85,13 +85,13 @@ async def _ready(bench: Bench) -> Any:  # noqa: ANN401  (an arm)
     return device
 
 
-def _steps(bench: Bench, rad: float, mm: float) -> NDArray[np.float64]:
+def _steps(bench: TestBench, rad: float, mm: float) -> NDArray[np.float64]:
     """Return a step of each joint (6,), in its unit."""
     slides = np.asarray(bench.facts["slides"], dtype=bool)
     return np.where(slides, mm, rad)
 
 
-def _inside(bench: Bench, q: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inside(bench: TestBench, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return joints (6,), moved into the range where they read beyond its end."""
     slack = 2.0 * np.diag(_steps(bench, WITHIN_RAD, WITHIN_MM))
     for nudge in (np.zeros(q.shape), *slack, *-slack):
@@ -100,7 +100,9 @@ def _inside(bench: Bench, q: NDArray[np.float64]) -> NDArray[np.float64]:
     return q
 
 
-def _beside(bench: Bench, q: NDArray[np.float64], joint: int, step: float) -> NDArray[np.float64]:
+def _beside(
+    bench: TestBench, q: NDArray[np.float64], joint: int, step: float
+) -> NDArray[np.float64]:
     """Return joints (6,) with one of them moved by a step, to the free side.
 
     Raises
@@ -115,7 +117,7 @@ def _beside(bench: Bench, q: NDArray[np.float64], joint: int, step: float) -> ND
     raise NotTriedError(f"joint {joint} has no room for {step:.3f}")
 
 
-async def _units(bench: Bench) -> Figure:
+async def _units(bench: TestBench) -> MeasuredFigure:
     device = await _ready(bench)
     allowed = _steps(bench, WITHIN_RAD, WITHIN_MM)
     steps = _steps(bench, STEP_RAD, STEP_MM)
@@ -127,10 +129,12 @@ async def _units(bench: Bench) -> Figure:
             await timed(bench, MOVE_S, device.move_joints(q, speed_share=0.25), "a small move")
             worst = max(worst, float(np.max(np.abs(await device.read_q() - q) / allowed)))
     require(worst <= 1.0, f"a joint ended {worst:.1f} times what is allowed off its target")
-    return Figure(worst, "of the tolerance", 1.0, "0.3 degrees or 0.5 mm, by its own counters")
+    return MeasuredFigure(
+        worst, "of the tolerance", 1.0, "0.3 degrees or 0.5 mm, by its own counters"
+    )
 
 
-async def _limits(bench: Bench) -> Figure:
+async def _limits(bench: TestBench) -> MeasuredFigure:
     device = await _ready(bench)
     before = await device.read_q()
     wild = [np.full(before.shape, math.nan), before[:-1]]
@@ -161,10 +165,10 @@ async def _limits(bench: Bench) -> Figure:
         raise NotMetError(f"{what}: was taken")
     moved = np.abs(await device.read_q() - before) / _steps(bench, WITHIN_RAD, WITHIN_MM)
     require(bool(moved.max() <= 1.0), "a joint moved all the same")
-    return Figure(float(len(calls)), "values")
+    return MeasuredFigure(float(len(calls)), "values")
 
 
-async def _under_way(bench: Bench) -> tuple[Any, asyncio.Future[Any], NDArray[np.float64]]:
+async def _under_way(bench: TestBench) -> tuple[Any, asyncio.Future[Any], NDArray[np.float64]]:
     device = await _ready(bench)
     start = _inside(bench, await device.read_q())
     far = _steps(bench, FAR_RAD, FAR_MM)
@@ -179,7 +183,7 @@ async def _under_way(bench: Bench) -> tuple[Any, asyncio.Future[Any], NDArray[np
         await bench.clock.sleep(0.02)
 
 
-async def _at_rest(bench: Bench, target: NDArray[np.float64]) -> None:
+async def _at_rest(bench: TestBench, target: NDArray[np.float64]) -> None:
     device = bench.device
     allowed = _steps(bench, WITHIN_RAD, WITHIN_MM)
     first = await device.read_q()
@@ -191,7 +195,7 @@ async def _at_rest(bench: Bench, target: NDArray[np.float64]) -> None:
     require(bool((np.abs(second - target) > allowed).any()), "it went on to where it was sent")
 
 
-async def _stop(bench: Bench) -> Figure:
+async def _stop(bench: TestBench) -> MeasuredFigure:
     device, move, target = await _under_way(bench)
     try:
         took_s = await timed(bench, bench.bounds.stop_s, device.stop(Stop.DEAD), "stop")
@@ -205,10 +209,10 @@ async def _stop(bench: Bench) -> Figure:
     finally:
         move.cancel()
         await asyncio.gather(move, return_exceptions=True)
-    return Figure(took_s * 1e3, "ms", bench.clock.patience_s(bench.bounds.stop_s) * 1e3)
+    return MeasuredFigure(took_s * 1e3, "ms", bench.clock.patience_s(bench.bounds.stop_s) * 1e3)
 
 
-async def _cancelled_move(bench: Bench) -> Figure:
+async def _cancelled_move(bench: TestBench) -> MeasuredFigure:
     _, move, target = await _under_way(bench)
     move.cancel()
 
@@ -218,10 +222,10 @@ async def _cancelled_move(bench: Bench) -> Figure:
     took_s = await timed(bench, bench.bounds.stop_s, ended(), "a cancelled move")
     require(move.cancelled(), "the cancellation of a move was swallowed")
     await _at_rest(bench, target)
-    return Figure(took_s * 1e3, "ms", bench.clock.patience_s(bench.bounds.stop_s) * 1e3)
+    return MeasuredFigure(took_s * 1e3, "ms", bench.clock.patience_s(bench.bounds.stop_s) * 1e3)
 
 
-async def _jaw_units(bench: Bench) -> Figure:
+async def _jaw_units(bench: TestBench) -> MeasuredFigure:
     device = await _ready(bench)
     worst_mm = 0.0
     for share in (0.3, 0.7):
@@ -230,10 +234,10 @@ async def _jaw_units(bench: Bench) -> Figure:
         read_mm = await device.read_opening_mm()
         worst_mm = max(worst_mm, abs(reached_mm - target_mm), abs(read_mm - target_mm))
     require(worst_mm <= JAWS_MM, f"the jaws are {worst_mm:.1f} mm off")
-    return Figure(worst_mm, "mm", JAWS_MM, "by its own counters")
+    return MeasuredFigure(worst_mm, "mm", JAWS_MM, "by its own counters")
 
 
-async def _silence(bench: Bench) -> Figure:
+async def _silence(bench: TestBench) -> MeasuredFigure:
     """Require that a silent line is noticed within `arm_silent_s` of the cell file."""
     device = await bench.opened()
     limit_s = bench.bounds.arm_silent_s
@@ -254,7 +258,7 @@ async def _silence(bench: Bench) -> Figure:
         await asyncio.gather(reading, return_exceptions=True)
         await bench.line.mend()
         await bench.close()
-    return Figure(took_s * 1e3, "ms", allowed_s * 1e3)
+    return MeasuredFigure(took_s * 1e3, "ms", allowed_s * 1e3)
 
 
 REQUIREMENTS: Final = (

@@ -10,27 +10,27 @@ import numpy as np
 from drivers.errors import DeviceError, ReplyTimeoutError
 
 from . import _common
-from .requirement import Bench, Figure, Requirement, known_silent, require, timed
+from .requirement import MeasuredFigure, Requirement, TestBench, known_silent, require, timed
 
 SHORT_S: Final = 0.3  # patience with a frame that cannot come
 FAR_S: Final = 1e4
 
 
-async def _frame(bench: Bench) -> Any:  # noqa: ANN401  (the driver's own frame)
+async def _frame(bench: TestBench) -> Any:  # noqa: ANN401  (the driver's own frame)
     return await bench.device.frame_after(bench.clock.now_s())
 
 
-def _frame_limit_s(bench: Bench) -> float:
+def _frame_limit_s(bench: TestBench) -> float:
     """Return the time limit of a frame: two periods, an exposure, and its allowed delay [s]."""
     capture = bench.facts["capture"]
     return float(2.0 / capture.fps + capture.exposure_s + bench.bounds.frame_late_s)
 
 
-async def _usable(bench: Bench) -> None:
+async def _usable(bench: TestBench) -> None:
     await timed(bench, _frame_limit_s(bench), _frame(bench), "a frame")
 
 
-async def _picture(bench: Bench) -> Figure:
+async def _picture(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     frame = await _frame(bench)
     capture = bench.facts["capture"]
@@ -43,10 +43,10 @@ async def _picture(bench: Bench) -> Figure:
         int(image.max()) <= frame.white <= np.iinfo(image.dtype).max,
         f"white is {frame.white}, the brightest pixel {int(image.max())} of {image.dtype}",
     )
-    return Figure(remark=f"{capture.width} x {capture.height} px, white {frame.white}")
+    return MeasuredFigure(remark=f"{capture.width} x {capture.height} px, white {frame.white}")
 
 
-async def _after(bench: Bench) -> Figure:
+async def _after(bench: TestBench) -> MeasuredFigure:
     """Take a frame after an instant: it cannot be there before its exposure has passed."""
     device = await bench.opened()
     capture = bench.facts["capture"]
@@ -63,10 +63,10 @@ async def _after(bench: Bench) -> Figure:
     )
     allowed_s = bench.clock.patience_s(_frame_limit_s(bench))
     require(took_s <= allowed_s, f"a frame came {took_s:.2f} s after the instant")
-    return Figure(took_s * 1e3, "ms", allowed_s * 1e3, "from instant to frame")
+    return MeasuredFigure(took_s * 1e3, "ms", allowed_s * 1e3, "from instant to frame")
 
 
-async def _pause(bench: Bench) -> Figure:
+async def _pause(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     for _ in range(2):
         await device.pause()
@@ -82,10 +82,10 @@ async def _pause(bench: Bench) -> Figure:
     require(device.is_paused is False, "resumed, it claims to be paused")
     limit_s = _frame_limit_s(bench)
     took_s = await timed(bench, limit_s, _frame(bench), "the first frame after a pause")
-    return Figure(took_s * 1e3, "ms", bench.clock.patience_s(limit_s) * 1e3)
+    return MeasuredFigure(took_s * 1e3, "ms", bench.clock.patience_s(limit_s) * 1e3)
 
 
-async def _patience(bench: Bench) -> Figure:
+async def _patience(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     limit_s = SHORT_S + 1.0 / bench.facts["capture"].fps
 
@@ -94,10 +94,10 @@ async def _patience(bench: Bench) -> Figure:
 
     took_s = await known_silent(bench, limit_s, never, ReplyTimeoutError)
     await _usable(bench)
-    return Figure(took_s * 1e3, "ms", bench.clock.patience_s(limit_s) * 1e3)
+    return MeasuredFigure(took_s * 1e3, "ms", bench.clock.patience_s(limit_s) * 1e3)
 
 
-async def _unplugged(bench: Bench) -> Figure:
+async def _unplugged(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     limit_s = _frame_limit_s(bench) + bench.bounds.answer_s
     await bench.line.cut()
@@ -125,7 +125,7 @@ async def _unplugged(bench: Bench) -> Figure:
 
     took_s = await timed(bench, limit_s, back(), "plugged in again")
     limit_ms = bench.clock.patience_s(limit_s) * 1e3
-    return Figure(took_s * 1e3, "ms", limit_ms, "until a frame comes again")
+    return MeasuredFigure(took_s * 1e3, "ms", limit_ms, "until a frame comes again")
 
 
 async def _read(device: Any) -> None:  # noqa: ANN401  (a camera)

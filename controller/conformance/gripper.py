@@ -11,11 +11,11 @@ from drivers.kinds import FixedGripper, Hold
 
 from . import _common
 from .requirement import (
-    Bench,
-    Figure,
+    MeasuredFigure,
     NotMetError,
     NotTriedError,
     Requirement,
+    TestBench,
     require,
     require_refused,
     timed,
@@ -31,7 +31,7 @@ async def _status(device: FixedGripper) -> Any:  # noqa: ANN401  (the driver's o
     return await device.status()
 
 
-async def _same_opening(bench: Bench) -> None:
+async def _same_opening(bench: TestBench) -> None:
     reading = await bench.device.status()
     widest_mm = bench.device.max_opening_mm
     require(
@@ -40,17 +40,17 @@ async def _same_opening(bench: Bench) -> None:
     )
 
 
-async def _reading(bench: Bench) -> Figure:
+async def _reading(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     await _same_opening(bench)
     reading = bench.answered
     for name in ("is_activated", "has_fault", "is_moving", "has_contact", "has_arrived"):
         require(isinstance(getattr(reading, name, None), bool), f"`{name}` is no bool")
     require(isinstance(await device.hold(), Hold), "`hold` returns no Hold")
-    return Figure(reading.opening_mm, "mm", device.max_opening_mm)
+    return MeasuredFigure(reading.opening_mm, "mm", device.max_opening_mm)
 
 
-async def _connect_is_still(bench: Bench) -> Figure:
+async def _connect_is_still(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     before_mm = (await device.status()).opening_mm
     await bench.close()
@@ -59,10 +59,10 @@ async def _connect_is_still(bench: Bench) -> Figure:
     moved_mm = abs(reading.opening_mm - before_mm)
     require(not reading.is_moving, "the jaws move after `connect`")
     require(moved_mm <= STILL_MM, f"the jaws moved by {moved_mm:.1f} mm")
-    return Figure(moved_mm, "mm", STILL_MM)
+    return MeasuredFigure(moved_mm, "mm", STILL_MM)
 
 
-async def _limits(bench: Bench) -> Figure:
+async def _limits(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     widest_mm = device.max_opening_mm
     before_mm = (await device.status()).opening_mm
@@ -80,16 +80,16 @@ async def _limits(bench: Bench) -> Figure:
         await require_refused(bench, f"close_on({opening_mm:g} mm, {force_n:g} N)", grasp)
     moved_mm = abs((await device.status()).opening_mm - before_mm)
     require(moved_mm <= STILL_MM, f"the jaws moved by {moved_mm:.1f} mm")
-    return Figure(remark="8 values")
+    return MeasuredFigure(remark="8 values")
 
 
-async def _ready(bench: Bench) -> Any:  # noqa: ANN401  (the device)
+async def _ready(bench: TestBench) -> Any:  # noqa: ANN401  (the device)
     device = await bench.opened()
     await timed(bench, MOVE_S, device.activate(), "activation")
     return device
 
 
-async def _units(bench: Bench) -> Figure:
+async def _units(bench: TestBench) -> MeasuredFigure:
     device = await _ready(bench)
     worst_mm = 0.0
     for share in (0.8, 0.3, 0.6):
@@ -99,20 +99,20 @@ async def _units(bench: Bench) -> Figure:
         require(not reading.is_moving, "`open_to` returned while the jaws moved")
         worst_mm = max(worst_mm, abs(reading.opening_mm - target_mm))
     require(worst_mm <= ARRIVED_MM, f"{worst_mm:.1f} mm off the opening that was requested")
-    return Figure(worst_mm, "mm", ARRIVED_MM, "worst of 3 openings, by its own reading")
+    return MeasuredFigure(worst_mm, "mm", ARRIVED_MM, "worst of 3 openings, by its own reading")
 
 
-async def _nothing_there(bench: Bench) -> Figure:
+async def _nothing_there(bench: TestBench) -> MeasuredFigure:
     device = await _ready(bench)
     await device.open_to(0.8 * device.max_opening_mm)
     grasp = await device.close_on(0.4 * device.max_opening_mm, force_n=MODEST_FORCE_N)
     require(not grasp.object_detected, "something is between the jaws, or it is only claimed")
     hold = await device.hold()
     require(hold is Hold.NOTHING, f"after an empty grasp `hold` returns {hold}")
-    return Figure(grasp.opening_mm, "mm")
+    return MeasuredFigure(grasp.opening_mm, "mm")
 
 
-async def _under_way(bench: Bench, share: float) -> tuple[Any, asyncio.Future[Any]]:
+async def _under_way(bench: TestBench, share: float) -> tuple[Any, asyncio.Future[Any]]:
     """Return the device and a move that it has begun."""
     device = await _ready(bench)
     await device.open_to((1.0 - share) * device.max_opening_mm)
@@ -125,7 +125,7 @@ async def _under_way(bench: Bench, share: float) -> tuple[Any, asyncio.Future[An
     return device, move
 
 
-async def _at_rest(bench: Bench, target_mm: float, limit_mm: float) -> float:
+async def _at_rest(bench: TestBench, target_mm: float, limit_mm: float) -> float:
     """Return the distance that the jaws still moved within a while [mm]."""
     device = bench.device
     first = await device.status()
@@ -139,7 +139,7 @@ async def _at_rest(bench: Bench, target_mm: float, limit_mm: float) -> float:
     return moved_mm
 
 
-async def _stop(bench: Bench) -> Figure:
+async def _stop(bench: TestBench) -> MeasuredFigure:
     device, move = await _under_way(bench, 0.95)
     try:
         took_s = await timed(bench, bench.bounds.stop_s, device.stop(), "stop")
@@ -149,17 +149,17 @@ async def _stop(bench: Bench) -> Figure:
         move.cancel()
         await asyncio.gather(move, return_exceptions=True)
     limit_ms = bench.clock.patience_s(bench.bounds.stop_s) * 1e3
-    return Figure(took_s * 1e3, "ms", limit_ms, f"{moved_mm:.1f} mm afterwards")
+    return MeasuredFigure(took_s * 1e3, "ms", limit_ms, f"{moved_mm:.1f} mm afterwards")
 
 
-async def _ended(bench: Bench, move: asyncio.Future[Any]) -> None:
+async def _ended(bench: TestBench, move: asyncio.Future[Any]) -> None:
     """Check that a move which was stopped ends with an error."""
     await bench.clock.wait([move], bench.bounds.answer_s)
     require(move.done(), "the stopped move goes on")
     require(move.exception() is not None, "the stopped move returned as if it had arrived")
 
 
-async def _cancelled_move(bench: Bench) -> Figure:
+async def _cancelled_move(bench: TestBench) -> MeasuredFigure:
     device, move = await _under_way(bench, 0.95)
     move.cancel()
 
@@ -171,7 +171,7 @@ async def _cancelled_move(bench: Bench) -> Figure:
         raise NotMetError("the cancellation of a move was swallowed")
     moved_mm = await _at_rest(bench, 0.95 * device.max_opening_mm, STILL_MM)
     limit_ms = bench.clock.patience_s(bench.bounds.stop_s) * 1e3
-    return Figure(took_s * 1e3, "ms", limit_ms, f"{moved_mm:.1f} mm afterwards")
+    return MeasuredFigure(took_s * 1e3, "ms", limit_ms, f"{moved_mm:.1f} mm afterwards")
 
 
 REQUIREMENTS: Final = (

@@ -8,27 +8,35 @@ from typing import Any, Final
 from drivers.kinds import Signal
 
 from . import _common
-from .requirement import Bench, Figure, Requirement, naming, require, require_refused, timed
+from .requirement import (
+    MeasuredFigure,
+    Requirement,
+    TestBench,
+    naming,
+    require,
+    require_refused,
+    timed,
+)
 
 POLL_SLACK: Final = 5  # polls until a reading has been debounced, and one to spare
 
 
-async def _known(bench: Bench) -> None:
+async def _known(bench: TestBench) -> None:
     """Wait until every input is known."""
     device, names = bench.device, bench.facts["inputs"]
     while any(device.signal(name) is Signal.UNKNOWN for name in names):
         await bench.clock.sleep(bench.bounds.poll_s / 2)
 
 
-async def _usable(bench: Bench) -> None:
+async def _usable(bench: TestBench) -> None:
     await timed(bench, bench.bounds.answer_s, _known(bench), "inputs")
 
 
-async def _inputs(bench: Bench) -> Figure:
+async def _inputs(bench: TestBench) -> MeasuredFigure:
     await bench.opened()
     limit_s = bench.bounds.stale_s + POLL_SLACK * bench.bounds.poll_s
     took_s = await timed(bench, limit_s, _known(bench), "known inputs")
-    return Figure(
+    return MeasuredFigure(
         took_s * 1e3,
         "ms",
         bench.clock.patience_s(limit_s) * 1e3,
@@ -36,7 +44,7 @@ async def _inputs(bench: Bench) -> Figure:
     )
 
 
-async def _limits(bench: Bench) -> Figure:
+async def _limits(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
 
     async def signal() -> None:
@@ -46,10 +54,10 @@ async def _limits(bench: Bench) -> Figure:
     await require_refused(
         bench, "wait_for('no such input')", lambda: device.wait_for("no such input", Signal.OK)
     )
-    return Figure(remark="2 values")
+    return MeasuredFigure(remark="2 values")
 
 
-async def _stale(bench: Bench) -> Figure:
+async def _stale(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     await _known(bench)
     names = bench.facts["inputs"]
@@ -65,10 +73,10 @@ async def _stale(bench: Bench) -> Figure:
     finally:
         await bench.line.mend()
         await bench.close()
-    return Figure(took_s * 1e3, "ms", bench.clock.patience_s(limit_s) * 1e3)
+    return MeasuredFigure(took_s * 1e3, "ms", bench.clock.patience_s(limit_s) * 1e3)
 
 
-async def _back(bench: Bench) -> Figure:
+async def _back(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     await _known(bench)
     await bench.line.cut()
@@ -79,10 +87,10 @@ async def _back(bench: Bench) -> Figure:
         await bench.line.mend()
     limit_s = bench.bounds.answer_s
     took_s = await timed(bench, limit_s, _known(bench), "after the line was mended")
-    return Figure(took_s * 1e3, "ms", bench.clock.patience_s(limit_s) * 1e3)
+    return MeasuredFigure(took_s * 1e3, "ms", bench.clock.patience_s(limit_s) * 1e3)
 
 
-async def _changes(bench: Bench) -> Figure:
+async def _changes(bench: TestBench) -> MeasuredFigure:
     """Close the block: all inputs become unknown, which is a change."""
     device = await bench.opened()
     await _known(bench)
@@ -107,17 +115,17 @@ async def _changes(bench: Bench) -> Figure:
         require(seen[name].signal is Signal.UNKNOWN, f"`{name}` became {seen[name].signal}")
         off_s = seen[name].at_s - begun_s
         require(-1.0 <= off_s <= 60.0, f"the change of `{name}` is {off_s:.1f} s off")
-    return Figure(remark="all inputs became unknown")
+    return MeasuredFigure(remark="all inputs became unknown")
 
 
-async def _wait(bench: Bench) -> None:
+async def _wait(bench: TestBench) -> None:
     """Wait to see that a known input does not change to the other value."""
     device, name = bench.device, bench.facts["inputs"][0]
     is_ok = device.signal(name) is Signal.OK
     await device.wait_for(name, Signal.NOT_OK if is_ok else Signal.OK)
 
 
-async def _closed(bench: Bench) -> Figure:
+async def _closed(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     await _known(bench)
     bench.device = None
@@ -129,10 +137,10 @@ async def _closed(bench: Bench) -> Figure:
     bench.device = device
     await device.connect()
     await _usable(bench)
-    return Figure()
+    return MeasuredFigure()
 
 
-async def _watchdog(bench: Bench) -> Figure:
+async def _watchdog(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     await _known(bench)
     before = {name: device.signal(name) for name in bench.facts["inputs"]}
@@ -141,7 +149,7 @@ async def _watchdog(bench: Bench) -> Figure:
     await _usable(bench)
     after = {name: device.signal(name) for name in before}
     require(after == before, f"inputs changed from {before} to {after}")
-    return Figure(took_s * 1e3, "ms", bench.clock.patience_s(limit_s) * 1e3)
+    return MeasuredFigure(took_s * 1e3, "ms", bench.clock.patience_s(limit_s) * 1e3)
 
 
 REQUIREMENTS: Final = (

@@ -10,18 +10,18 @@ from typing import Final
 from drivers.kinds import LampUnit
 
 from . import _common
-from .requirement import Bench, Figure, Requirement, require, require_refused, timed
+from .requirement import MeasuredFigure, Requirement, TestBench, require, require_refused, timed
 
 
 async def _off(device: LampUnit) -> float:
     return await device.all_off()
 
 
-async def _usable(bench: Bench) -> None:
+async def _usable(bench: TestBench) -> None:
     await _instants(bench, settle=False)
 
 
-async def _instants(bench: Bench, *, settle: bool) -> tuple[float, float]:
+async def _instants(bench: TestBench, *, settle: bool) -> tuple[float, float]:
     """Light a lamp; return the instant before, and the instant from which it is lit [s]."""
     device = bench.device
     asked_s = bench.clock.now_s()
@@ -33,14 +33,14 @@ async def _instants(bench: Bench, *, settle: bool) -> tuple[float, float]:
     return asked_s, since_s
 
 
-async def _names(bench: Bench) -> Figure:
+async def _names(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     expected = {lamp.name for lamp in bench.facts["lamps"]}
     require(set(device.names) == expected, f"lamps {sorted(device.names)}, not {sorted(expected)}")
-    return Figure(len(device.names), "lamps")
+    return MeasuredFigure(len(device.names), "lamps")
 
 
-async def _limits(bench: Bench) -> Figure:
+async def _limits(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     name = device.names[0]
     wrong: tuple[dict[str, float], ...] = (
@@ -52,36 +52,38 @@ async def _limits(bench: Bench) -> Figure:
     )
     for levels in wrong:
         await require_refused(bench, f"set({levels})", partial(device.set, levels))
-    return Figure(remark="5 values")
+    return MeasuredFigure(remark="5 values")
 
 
-async def _since(bench: Bench) -> Figure:
+async def _since(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     await device.all_off()
     asked_s, since_s = await _instants(bench, settle=False)
     require(since_s >= asked_s, f"the light is said to be so {asked_s - since_s:.3f} s too early")
-    return Figure((since_s - asked_s) * 1e3, "ms", None, "from the order to the acknowledge")
+    return MeasuredFigure(
+        (since_s - asked_s) * 1e3, "ms", None, "from the order to the acknowledge"
+    )
 
 
-async def _settled(bench: Bench) -> Figure:
+async def _settled(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     await device.all_off()
     asked_s, since_s = await _instants(bench, settle=True)
     returned_s = bench.clock.now_s()
     require(since_s > asked_s, "it does not wait until the light is steady")
     require(returned_s >= since_s - 1e-6, "it returns before the light is steady")
-    return Figure((since_s - asked_s) * 1e3, "ms", None, "from the order to a steady light")
+    return MeasuredFigure((since_s - asked_s) * 1e3, "ms", None, "from the order to a steady light")
 
 
-async def _dark(bench: Bench) -> Figure:
+async def _dark(bench: TestBench) -> MeasuredFigure:
     device = await bench.opened()
     await device.set(dict.fromkeys(device.names, 0.3))
     took_s = await timed(bench, bench.bounds.stop_s, device.all_off(), "all_off")
     limit_ms = bench.clock.patience_s(bench.bounds.stop_s) * 1e3
-    return Figure(took_s * 1e3, "ms", limit_ms)
+    return MeasuredFigure(took_s * 1e3, "ms", limit_ms)
 
 
-async def _light(bench: Bench) -> float:
+async def _light(bench: TestBench) -> float:
     return float(await bench.device.set({bench.device.names[0]: 0.4}))
 
 

@@ -14,7 +14,7 @@ HOST_PORT: Final = re.compile(r"(?P<host>[\w.-]+):(?P<port>\d{1,5})")
 _CHUNK: Final = 4096
 
 
-class Line(Protocol):
+class DeviceLine(Protocol):
     """The line to a device.
 
     Attributes
@@ -46,7 +46,7 @@ class Line(Protocol):
         ...
 
 
-class Relay:
+class PortRelay:
     """A relay between a driver and a device on a TCP port, on a port of its own.
 
     Parameters

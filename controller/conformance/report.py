@@ -12,7 +12,7 @@ from controller.results.pages import make_environment, write_file
 from controller.results.report import PdfError, pdf_bytes
 from controller.setup.software import software_versions
 
-from .suite import MET, NOT_MET, NOT_TRIED, Findings, Tried
+from .suite import MET, NOT_MET, NOT_TRIED, Findings, TriedDevice
 
 SCHEMA: Final = "cellctl-conformance/1"
 TEMPLATE: Final = "conformance.html.j2"
@@ -55,7 +55,7 @@ def page_of(findings: Findings) -> str:
     )
 
 
-def _summary(tried: Tried) -> str:
+def _summary(tried: TriedDevice) -> str:
     count = Counter(outcome.verdict for outcome in tried.outcomes)
     return ", ".join(f"{count[verdict]} {verdict}" for verdict in BADGES if count[verdict])
 

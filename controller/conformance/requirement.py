@@ -11,7 +11,7 @@ from typing import Any, Final
 from drivers.attendance import BEAT_WALL_S, JITTER_WALL_S, Attendance
 from drivers.clock import CellClock
 
-from .lines import Line
+from .lines import DeviceLine
 
 ANSWER_S: Final = 3.0
 """Contract of all kinds: a silent device is reported, and one that is back answers, by then [s]."""
@@ -43,7 +43,7 @@ class NotTriedError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class MeasuredFigure:
     """Measured value.
 
     Attributes
@@ -69,7 +69,7 @@ class Figure:
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class TimeLimits:
     """Time limits from the cell file [cell s].
 
     Attributes
@@ -131,7 +131,7 @@ class _Guarded:
     later is guarded, too.
     """
 
-    def __init__(self, driver: Any, bench: Bench) -> None:  # noqa: ANN401  (of any kind)
+    def __init__(self, driver: Any, bench: TestBench) -> None:  # noqa: ANN401  (of any kind)
         self._driver = driver
         self._bench = bench
 
@@ -143,7 +143,7 @@ class _Guarded:
 
 
 @dataclass(slots=True)
-class Bench:
+class TestBench:
     """A device of a cell, and the means to try it.
 
     Attributes
@@ -166,8 +166,8 @@ class Bench:
     build: Callable[[], Any]
     clock: CellClock
     stopwatch: Stopwatch
-    bounds: Bounds
-    line: Line
+    bounds: TimeLimits
+    line: DeviceLine
     facts: Mapping[str, Any] = field(default_factory=dict)
     release: Callable[[], Awaitable[None]] | None = None
     may_act: bool = True
@@ -194,7 +194,7 @@ class Bench:
             await self.release()
 
 
-Trial = Callable[[Bench], Awaitable[Figure]]
+Trial = Callable[[TestBench], Awaitable[MeasuredFigure]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,7 +247,7 @@ def naming(when: str) -> Iterator[None]:
         raise NotMetError(f"{when}: {type(error).__name__}: {error}") from error
 
 
-async def timed(bench: Bench, limit_s: float, doing: Awaitable[Any], what: str) -> float:
+async def timed(bench: TestBench, limit_s: float, doing: Awaitable[Any], what: str) -> float:
     """Return a duration [cell s].
 
     Parameters
@@ -274,7 +274,7 @@ async def timed(bench: Bench, limit_s: float, doing: Awaitable[Any], what: str) 
 
 
 async def known_silent(
-    bench: Bench, limit_s: float, reading: Callable[[], Awaitable[Any]], error: type[Exception]
+    bench: TestBench, limit_s: float, reading: Callable[[], Awaitable[Any]], error: type[Exception]
 ) -> float:
     """Return the time after which a reading of a silent device was given up [cell s].
 
@@ -307,7 +307,7 @@ async def known_silent(
 
 
 async def require_refused(
-    bench: Bench, what: str, call: Callable[[], Awaitable[Any]], tries: int = 3
+    bench: TestBench, what: str, call: Callable[[], Awaitable[Any]], tries: int = 3
 ) -> None:
     """Check that a value out of range is refused with ValueError before anything is sent.
 
@@ -342,8 +342,8 @@ async def require_refused(
 
 
 async def cancel_often(
-    bench: Bench, reading: Callable[[], Awaitable[Any]], check: Callable[[], Awaitable[None]]
-) -> Figure:
+    bench: TestBench, reading: Callable[[], Awaitable[Any]], check: Callable[[], Awaitable[None]]
+) -> MeasuredFigure:
     """Cancel an exchange at several instants; return the longest time to the next answer.
 
     Parameters
@@ -369,11 +369,11 @@ async def cancel_often(
         took_s = await timed(bench, bench.bounds.answer_s, check(), "after a cancellation")
         longest_s = max(longest_s, took_s)
     limit_ms = bench.clock.patience_s(bench.bounds.answer_s) * 1e3
-    return Figure(longest_s * 1e3, "ms", limit_ms, "until the next answer")
+    return MeasuredFigure(longest_s * 1e3, "ms", limit_ms, "until the next answer")
 
 
-def require_model(bench: Bench) -> Figure:
+def require_model(bench: TestBench) -> MeasuredFigure:
     """Check that a connected device has a name for messages; return it as a remark."""
     model = bench.device.model
     require(isinstance(model, str) and model.strip() != "", f"its model is {model!r}")
-    return Figure(remark=f"{model}")
+    return MeasuredFigure(remark=f"{model}")

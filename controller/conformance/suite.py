@@ -27,8 +27,16 @@ from drivers.clock import CellClock
 from drivers.kinds import Capture, Lamp
 
 from .families import FAMILIES
-from .lines import HOST_PORT, EmulatedLine, Line, PersonsLine, Relay
-from .requirement import Bench, Bounds, Figure, NotMetError, NotTriedError, Requirement, Stopwatch
+from .lines import HOST_PORT, DeviceLine, EmulatedLine, PersonsLine, PortRelay
+from .requirement import (
+    MeasuredFigure,
+    NotMetError,
+    NotTriedError,
+    Requirement,
+    Stopwatch,
+    TestBench,
+    TimeLimits,
+)
 
 MET: Final = "met"
 NOT_MET: Final = "not met"
@@ -41,7 +49,7 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RequirementResult:
     """Result of a requirement tried on a device.
 
     Attributes
@@ -55,7 +63,7 @@ class Outcome:
     name: str
     text: str
     verdict: str
-    figure: Figure | None = None
+    figure: MeasuredFigure | None = None
     message: str = ""
 
     @property
@@ -65,7 +73,7 @@ class Outcome:
 
 
 @dataclass(slots=True)
-class Tried:
+class TriedDevice:
     """A device and its result.
 
     Attributes
@@ -83,7 +91,7 @@ class Tried:
     is_emulated: bool
     model: str = ""
     firmware: str = ""
-    outcomes: list[Outcome] = field(default_factory=list)
+    outcomes: list[RequirementResult] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,10 +109,12 @@ class Findings:
     path: Path
     sha256: str
     begun: datetime
-    devices: tuple[Tried, ...]
+    devices: tuple[TriedDevice, ...]
 
 
-async def try_requirement(bench: Bench, requirement: Requirement, *, may_move: bool) -> Outcome:
+async def try_requirement(
+    bench: TestBench, requirement: Requirement, *, may_move: bool
+) -> RequirementResult:
     """Try a requirement on a device and return the outcome; never raises for a device.
 
     Parameters
@@ -114,8 +124,8 @@ async def try_requirement(bench: Bench, requirement: Requirement, *, may_move: b
     may_move : whether metal may move
     """
 
-    def outcome(verdict: str, message: str) -> Outcome:
-        return Outcome(requirement.name, requirement.text, verdict, None, message)
+    def outcome(verdict: str, message: str) -> RequirementResult:
+        return RequirementResult(requirement.name, requirement.text, verdict, None, message)
 
     if requirement.moves and not may_move:
         return outcome(NOT_TRIED, WITHOUT_MOTION)
@@ -131,7 +141,7 @@ async def try_requirement(bench: Bench, requirement: Requirement, *, may_move: b
     except Exception as error:  # noqa: BLE001  (a driver under test may raise anything)
         await bench.close()
         return outcome(NOT_MET, f"{type(error).__name__}: {error}")
-    return Outcome(requirement.name, requirement.text, MET, figure)
+    return RequirementResult(requirement.name, requirement.text, MET, figure)
 
 
 class Suite:
@@ -175,9 +185,9 @@ class Suite:
         self._loop = asyncio.new_event_loop()
         self._control: Path | None = None
         self._agreed: dict[str, bool] = {}
-        self._benches: dict[str, Bench] = {}
+        self._benches: dict[str, TestBench] = {}
         self.tried = {
-            name: Tried(
+            name: TriedDevice(
                 name,
                 kind,
                 getattr(self._cell.devices, name).driver,
@@ -228,7 +238,7 @@ class Suite:
         for attends in (self._clock.attending(), self._stopwatch.attending()):
             self._run(attending.enter_async_context(attends))
 
-    def _find_clock(self, emulated: Sequence[Tried], ready: Mapping[str, Any]) -> FoundClock:
+    def _find_clock(self, emulated: Sequence[TriedDevice], ready: Mapping[str, Any]) -> FoundClock:
         if not emulated:
             is_plain = bool(self._cell.emulated_devices)
             return FoundClock() if is_plain else find_clock(self._cell, {})
@@ -256,7 +266,7 @@ class Suite:
         """Return the requirements of a device."""
         return FAMILIES[self.tried[name].kind]
 
-    def attempt(self, name: str, requirement: Requirement) -> Outcome:
+    def attempt(self, name: str, requirement: Requirement) -> RequirementResult:
         """Try a requirement on a device, note the outcome, return it."""
         tried = self.tried[name]
         needs_consent = requirement.moves or requirement.acts
@@ -269,7 +279,7 @@ class Suite:
         """Return whether the device is emulated, or a person has agreed already."""
         return self.tried[name].is_emulated or self._agreed.get(name, False)
 
-    def _agrees(self, tried: Tried) -> bool:
+    def _agrees(self, tried: TriedDevice) -> bool:
         """Return whether a person agrees that a real device moves; asked for once a device."""
         if tried.is_emulated:
             return True
@@ -280,7 +290,9 @@ class Suite:
             )
         return self._agreed[tried.name]
 
-    async def _attempt(self, name: str, requirement: Requirement, *, may_move: bool) -> Outcome:
+    async def _attempt(
+        self, name: str, requirement: Requirement, *, may_move: bool
+    ) -> RequirementResult:
         bench = self._benches.get(name)
         if bench is None:
             bench = self._benches[name] = await self._bench(name)
@@ -293,11 +305,11 @@ class Suite:
             tried.firmware = str(getattr(bench.device, "firmware", "") or "")
         return outcome
 
-    async def _bench(self, name: str) -> Bench:
+    async def _bench(self, name: str) -> TestBench:
         kind = KIND_OF[name]
         where = dict(self._where)
         line = await self._line(name)
-        if isinstance(line, Relay):
+        if isinstance(line, PortRelay):
             where[name] = where[name] | {"address": await line.start()}
         cell, builders = self._cell, list[DeviceBuilder]()
 
@@ -310,7 +322,7 @@ class Suite:
                 for link in builders.pop().links:
                     await link.aclose()
 
-        return Bench(
+        return TestBench(
             name,
             kind,
             build,
@@ -322,10 +334,10 @@ class Suite:
             release,
         )
 
-    async def _line(self, name: str) -> Line:
+    async def _line(self, name: str) -> DeviceLine:
         section = self._where[name]
         if HOST_PORT.fullmatch(section["address"]):
-            return Relay(section["address"])
+            return PortRelay(section["address"])
         if section["emulated"] and self._control is not None:
             if KIND_OF[name] == "arm":
                 return EmulatedLine.of_arm(self._control)
@@ -360,17 +372,17 @@ class Suite:
             await bench.line.aclose()
 
 
-async def _lights_off(bench: Bench) -> Figure:
+async def _lights_off(bench: TestBench) -> MeasuredFigure:
     await bench.device.all_off()
-    return Figure()
+    return MeasuredFigure()
 
 
 _LIGHTS_OFF: Final = Requirement("off", "Lamps are off in the end.", _lights_off)
 
 
-def _bounds(cell: Cell, clock: CellClock) -> Bounds:
+def _bounds(cell: Cell, clock: CellClock) -> TimeLimits:
     polling = polling_of(cell, clock)
-    return Bounds(
+    return TimeLimits(
         stop_s=cell.detection.stop_confirm_s,
         arm_silent_s=cell.detection.arm_silent_s,
         stale_s=polling.stale_s,

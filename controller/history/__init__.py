@@ -6,7 +6,7 @@
 
 from .errors import HistoryError, NoSuchPartError
 from .exporting import FORMS, export
-from .figures import GROUPS, Figures, Group, Tally, figures, group_json, tally_json
+from .figures import GROUPS, EventCount, Figures, Group, figures, group_json, tally_json
 from .filling import Filled, fill, folded, journals_in
 from .migrations import SCHEMA_VERSION
 from .queries import REVIEWS_ASKED, SORTS, Filters, Listed, find_parts, list_parts
@@ -21,6 +21,7 @@ __all__ = [
     "SORTS",
     "STORE_NAME",
     "VARIABLE",
+    "EventCount",
     "Figures",
     "Filled",
     "Filters",
@@ -29,7 +30,6 @@ __all__ = [
     "Listed",
     "NoSuchPartError",
     "Store",
-    "Tally",
     "characteristics_in",
     "export",
     "figures",

@@ -65,7 +65,7 @@ class Group:
 
 
 @dataclass(frozen=True, slots=True)
-class Tally:
+class EventCount:
     """The count of an event: its names, and its number of parts."""
 
     names: tuple[str, ...]
@@ -86,9 +86,9 @@ class Figures:
     """
 
     groups: tuple[Group, ...]
-    findings: tuple[Tally, ...]
-    recoveries: tuple[Tally, ...]
-    alarms: tuple[Tally, ...]
+    findings: tuple[EventCount, ...]
+    recoveries: tuple[EventCount, ...]
+    alarms: tuple[EventCount, ...]
 
 
 def figures(store: Store, filters: Filters, by: str = "recipe") -> Figures:
@@ -150,7 +150,7 @@ def figures(store: Store, filters: Filters, by: str = "recipe") -> Figures:
     return Figures(groups, findings, recoveries, alarms)
 
 
-def tally_json(what: str, tally: Tally) -> Mapping[str, Any]:
+def tally_json(what: str, tally: EventCount) -> Mapping[str, Any]:
     """Return a count as plain JSON values.
 
     Parameters
@@ -217,10 +217,10 @@ def _groups(clause: ColumnElement[bool], by: str) -> Any:  # noqa: ANN401 - a qu
     )
 
 
-def _tally(found: Any) -> tuple[Tally, ...]:  # noqa: ANN401 - rows of names and two counts
+def _tally(found: Any) -> tuple[EventCount, ...]:  # noqa: ANN401 - rows of names and two counts
     """Return counts, most frequent first."""
     tallies = [
-        Tally(tuple(map(str, names)), int(count), int(parts)) for *names, count, parts in found
+        EventCount(tuple(map(str, names)), int(count), int(parts)) for *names, count, parts in found
     ]
     return tuple(sorted(tallies, key=lambda one: (-one.count, one.names)))
 

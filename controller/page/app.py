@@ -11,7 +11,7 @@ from . import cell, history, now, recipes, review
 from .frame.entering import Entrance
 from .frame.routing import routes_of, upload_sizes
 from .frame.screens import Screen, Setting
-from .frame.visit import Frame
+from .frame.visit import PageFrame
 from .security import Guard
 
 # In the order of the navigation bar.
@@ -38,7 +38,7 @@ class Page(Starlette):
     more : further arguments of Starlette
     """
 
-    def __init__(self, frame: Frame, **more: Any) -> None:  # noqa: ANN401 - Starlette's own
+    def __init__(self, frame: PageFrame, **more: Any) -> None:  # noqa: ANN401 - Starlette's own
         super().__init__(**more)
         self._screens = frame.screens
 
@@ -49,7 +49,7 @@ class Page(Starlette):
                 screen.hang_up()
 
 
-def build_app(frame: Frame) -> Page:
+def build_app(frame: PageFrame) -> Page:
     """Return the application; each screen's background task runs while it is served."""
 
     @asynccontextmanager

@@ -18,8 +18,8 @@ from controller.memory import map_large_arrays
 
 from .app import Page, build_app, build_screens
 from .frame.screens import Setting
-from .frame.visit import Frame
-from .security import Accounts, Sessions, Site
+from .frame.visit import PageFrame
+from .security import Accounts, PageAddress, Sessions
 from .security.guard import HEADER_MAX_BYTES
 
 HEADER_WALL_S: Final = 10.0
@@ -173,7 +173,7 @@ def _is_no_cancelling(record: logging.LogRecord) -> bool:
 
 
 def build(
-    runs_dir: Path, project_dir: Path, site: Site, accounts: Accounts, sessions: Sessions
+    runs_dir: Path, project_dir: Path, site: PageAddress, accounts: Accounts, sessions: Sessions
 ) -> Page:
     """Return the whole page of a folder of runs, with its background tasks.
 
@@ -185,7 +185,7 @@ def build(
     accounts, sessions : accounts and open sessions
     """
     screens = build_screens(Setting(runs_dir, project_dir))
-    return build_app(Frame(site, accounts, sessions, screens))
+    return build_app(PageFrame(site, accounts, sessions, screens))
 
 
 def serve(app: Page, serving: Serving, ready: Callable[[], None]) -> None:

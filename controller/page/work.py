@@ -50,7 +50,7 @@ class WorkState(StrEnum):
 
 
 @dataclass(slots=True, eq=False)
-class Work:
+class ChildWork:
     """Something that a child process does.
 
     Attributes
@@ -124,8 +124,8 @@ class Workshop:
         self._program = program
         self._patience_s = patience_s
         self._root: Path | None = None
-        self._kept: dict[tuple[str, str], Work] = {}
-        self._running: Work | None = None
+        self._kept: dict[tuple[str, str], ChildWork] = {}
+        self._running: ChildWork | None = None
         self._task: asyncio.Task[None] | None = None
         self._process: asyncio.subprocess.Process | None = None
 
@@ -141,11 +141,11 @@ class Workshop:
             self._root = None
 
     @property
-    def running(self) -> Work | None:
+    def running(self) -> ChildWork | None:
         """The work in progress."""
         return self._running
 
-    def last(self, kind: str, about: str) -> Work | None:
+    def last(self, kind: str, about: str) -> ChildWork | None:
         """Return the last work of a kind on something, also while it runs."""
         return self._kept.get((kind, about))
 
@@ -158,13 +158,13 @@ class Workshop:
         *,
         mark: str = "",
         within: Path | None = None,
-        then: Callable[[Work], None] | None = None,
-    ) -> Work:
+        then: Callable[[ChildWork], None] | None = None,
+    ) -> ChildWork:
         """Start work and return it.
 
         Parameters
         ----------
-        kind, about, who, mark : as in `Work`
+        kind, about, who, mark : as in `ChildWork`
         arguments : return those of `cellctl`, given the folder for what it writes
         within : folder that messages leave out of the names of files
         then : is called with the work when it has ended, in a thread
@@ -178,7 +178,7 @@ class Workshop:
             raise BusyError(f"{self._running.kind} of {self._running.about}")
         if self._root is None:
             raise ValueError("the workshop is not open")
-        work = Work(kind, about, who, Path(tempfile.mkdtemp(dir=self._root)), mark, within)
+        work = ChildWork(kind, about, who, Path(tempfile.mkdtemp(dir=self._root)), mark, within)
         self._running = work
         self._keep(work)
         command = (*self._program, *arguments(work.folder))
@@ -203,7 +203,7 @@ class Workshop:
             await asyncio.wait([task])
         return True
 
-    def _keep(self, work: Work) -> None:
+    def _keep(self, work: ChildWork) -> None:
         old = self._kept.pop((work.kind, work.about), None)
         self._kept[work.kind, work.about] = work
         while len(self._kept) > KEPT_MAX_COUNT:
@@ -219,7 +219,7 @@ class Workshop:
                 os.killpg(process.pid, number)
 
     async def _run(
-        self, work: Work, command: tuple[str, ...], then: Callable[[Work], None] | None
+        self, work: ChildWork, command: tuple[str, ...], then: Callable[[ChildWork], None] | None
     ) -> None:
         try:
             async with asyncio.timeout(WALL_LIMIT_S):
@@ -240,7 +240,7 @@ class Workshop:
                 work.took_s = time.monotonic() - work.began_s
                 self._running = self._task = self._process = None
 
-    async def _child(self, work: Work, command: tuple[str, ...]) -> None:
+    async def _child(self, work: ChildWork, command: tuple[str, ...]) -> None:
         with (work.folder / OUTPUT).open("xb") as output:
             process = await asyncio.create_subprocess_exec(
                 *command,
@@ -276,7 +276,7 @@ def _limit(pid: int) -> None:
         resource.prlimit(pid, resource.RLIMIT_CORE, (0, 0))
 
 
-def _note(work: Work, line: str) -> None:
+def _note(work: ChildWork, line: str) -> None:
     """Take a line of standard error: progress, or a message for the person."""
     try:
         body = json.loads(line)

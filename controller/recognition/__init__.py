@@ -6,13 +6,13 @@ Arrays in, dataclasses out (references.md P3.0).
 from .identification.hypotheses import Hypothesis, SearchLimits
 from .identification.recognise import RecognitionLimits, recognise
 from .identification.sighting import Alternative, Recognition, Sighting, Trace
-from .library import Entry, Library, make_library, pose_on_table
+from .library import Library, LibraryPart, make_library, pose_on_table
 
 __all__ = [
     "Alternative",
-    "Entry",
     "Hypothesis",
     "Library",
+    "LibraryPart",
     "Recognition",
     "RecognitionLimits",
     "SearchLimits",

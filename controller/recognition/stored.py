@@ -14,7 +14,7 @@ from controller.cad.compiled import CompileOptions, cache_key, load_part, part_n
 from controller.imaging import Camera
 
 from .fitting import EdgeShape, edge_shape
-from .library import Entry, Library, Station, check_fits, make_entry, station_of
+from .library import CameraPlace, Library, LibraryPart, check_fits, make_entry, station_of
 
 FORMAT = 2  # raised when the same source comes to mean something else
 ROOM = Path(__file__).parent
@@ -78,7 +78,9 @@ def is_entry_kept(path: Path, options: CompileOptions, camera: Camera) -> bool:
     return key is not None and entry_cache().file(part_name(path), key, None).exists()
 
 
-def _entry(path: Path, options: CompileOptions, station: Station, cache: Path | None) -> Entry:
+def _entry(
+    path: Path, options: CompileOptions, station: CameraPlace, cache: Path | None
+) -> LibraryPart:
     key = _key(path, options, station)
     if key is not None:
         found = entry_cache().load(entry_cache().file(part_name(path), key, cache))
@@ -91,7 +93,9 @@ def _entry(path: Path, options: CompileOptions, station: Station, cache: Path | 
     return entry
 
 
-def _shape(path: Path, options: CompileOptions, station: Station, cache: Path | None) -> EdgeShape:
+def _shape(
+    path: Path, options: CompileOptions, station: CameraPlace, cache: Path | None
+) -> EdgeShape:
     key = _key(path, options, station)
     if key is not None:
         found = shape_cache().load(shape_cache().file(part_name(path), key, cache))
@@ -104,7 +108,7 @@ def _shape(path: Path, options: CompileOptions, station: Station, cache: Path | 
 
 
 @lru_cache(maxsize=4096)
-def _key(path: Path, options: CompileOptions, station: Station) -> str | None:
+def _key(path: Path, options: CompileOptions, station: CameraPlace) -> str | None:
     part = cache_key(path, options)
     if part is None:
         return None
@@ -113,9 +117,9 @@ def _key(path: Path, options: CompileOptions, station: Station) -> str | None:
 
 
 @lru_cache(maxsize=1)
-def entry_cache() -> DiskCache[Entry]:
+def entry_cache() -> DiskCache[LibraryPart]:
     """Return the cache of library entries."""
-    return DiskCache(Entry, "views", "views of a part")
+    return DiskCache(LibraryPart, "views", "views of a part")
 
 
 @lru_cache(maxsize=1)

@@ -18,7 +18,7 @@ def _written(value: float, digits: int) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class LevelLine:
     """A level across the chart: its value, its name, and its kind (limit or control limit)."""
 
     value: float
@@ -41,7 +41,7 @@ class Chart:
     """
 
     values: Sequence[float]
-    lines: Sequence[Line] = ()
+    lines: Sequence[LevelLine] = ()
     marks: Mapping[int, str] = field(default_factory=dict)
     groups: Sequence[str] = ()
     half_widths: Sequence[float | None] = ()
@@ -49,7 +49,10 @@ class Chart:
 
 
 def value_chart(chart: Chart) -> Markup:
-    """Return a chart as SVG. Colours and dashes are in words too: `Line.name`, and the marks."""
+    """Return a chart as SVG.
+
+    Colours and dashes are in words too: `LevelLine.name`, and the marks.
+    """
     first = max(0, len(chart.values) - MAX_DOTS)
     shown = list(chart.values[first:])
     every = [*shown, *(line.value for line in chart.lines)]

@@ -35,7 +35,7 @@ class Listing:
         self._of_product: dict[str, list[int]] = {}
         self.occurrence_count = 0
 
-    def place(self, key: str, product: "Product", path: list[str], move: Any) -> None:  # noqa: ANN401
+    def place(self, key: str, product: "StepProduct", path: list[str], move: Any) -> None:  # noqa: ANN401
         """Add one occurrence of a product.
 
         Parameters
@@ -67,7 +67,7 @@ class Listing:
         return len(self.bodies) - 1
 
 
-class Product:
+class StepProduct:
     """A shape of its own in the product structure."""
 
     def __init__(self, name: str, shape: Any, named: list[tuple[str, Any]]) -> None:  # noqa: ANN401
@@ -150,7 +150,7 @@ def add_placed(label: Any, path: list[str], move: Any, listing: Listing) -> None
         return
     Shapes.GetSubShapes_s(product, below)
     named = [(name_of(each), Shapes.GetShape_s(each)) for each in labels_of(below)]
-    listing.place(entry_of(product), Product(name, shape, named), path, move)
+    listing.place(entry_of(product), StepProduct(name, shape, named), path, move)
 
 
 def read_plain(path: str) -> tuple[Listing, str]:
@@ -171,7 +171,7 @@ def read_plain(path: str) -> tuple[Listing, str]:
     reader.TransferRoots()
     listing, shape = Listing(), reader.OneShape()
     if shape is not None and not shape.IsNull():
-        listing.place("", Product("", shape, []), [], TopLoc_Location())
+        listing.place("", StepProduct("", shape, []), [], TopLoc_Location())
     return listing, unit
 
 

@@ -23,7 +23,7 @@ from controller.cell.devices import Devices, clocks, resolve
 from controller.cell.devices.clocks import find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_command
 from controller.config import EMULATED_CELL, Cell, load_cell
-from controller.conformance.lines import EmulatedLine, Line, Relay
+from controller.conformance.lines import DeviceLine, EmulatedLine, PortRelay
 from controller.setup.drivers import KIND_OF, require_drivers
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
@@ -48,13 +48,13 @@ class Apart:
             return offered
         return f"{offered['host']}:{offered['port']}"
 
-    async def line(self, name: str) -> tuple[Line, str]:
+    async def line(self, name: str) -> tuple[DeviceLine, str]:
         """Return the device's cable, and the address at this end of it."""
         if KIND_OF[name] == "arm":
             return EmulatedLine.of_arm(self.control), self.address(name)
         if KIND_OF[name] == "camera":
             return EmulatedLine.of_camera(self.control, name), self.address(name)
-        relay = Relay(self.address(name))
+        relay = PortRelay(self.address(name))
         return relay, await relay.start()
 
 

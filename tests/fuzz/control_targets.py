@@ -27,7 +27,7 @@ from controller.cell.control import (
 from controller.cell.control.serving import Control, Door, document, handle_for
 from controller.cell.custody import Custody
 from controller.cell.devices.lock import Holder, hold_cell
-from controller.cell.machine import Decision, Event, PauseKind, SafePoint
+from controller.cell.machine import Event, MachineDecision, PauseKind, SafePoint
 from controller.cell.operator import Choice, Desk, Question
 from controller.cell.services import NextMotion
 from controller.config import load_cell
@@ -68,9 +68,9 @@ class Orders:
 
     async def command(
         self, event: Event, who: str, why: str = "", message: str = "", code: str = ""
-    ) -> Decision:
+    ) -> MachineDecision:
         self.taken.append((event, who, why))
-        return Decision("handled", self.state, self.state)
+        return MachineDecision("handled", self.state, self.state)
 
     async def status(self) -> CellStatus:
         return STATUS

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from controller.cell.journal import JOURNAL_NAME, read_rows, rows
-from controller.results.takt import Use, takts_of
+from controller.results.takt import TimeUse, takts_of
 from simulation.case import Case, Ended, Kill, run_case
 from simulation.cell import Scene
 from simulation.faults import IN_FIXED, STANDING
@@ -48,11 +48,11 @@ def test_a_part_goes_from_the_table_to_its_tray_in_about_the_time_forecast(tmp_p
     (part,) = run.parts
     at_s = [row.cell_s for row in rows if row.cell_s is not None]
     assert part.total_s + run.around.total_s == pytest.approx(at_s[-1] - at_s[0], abs=0.01)
-    assert part.seconds[Use.REST] < 0.01 * part.total_s
+    assert part.seconds[TimeUse.REST] < 0.01 * part.total_s
     # steps are all that the arm does by its plan, but for the way to where it parks
     busy_s = sum(step["seconds"] for step in steps)
     assert busy_s < part.busy_s < busy_s + 15.0
-    assert run.around.seconds[Use.HOMING] > 10.0
+    assert run.around.seconds[TimeUse.HOMING] > 10.0
 
 
 @pytest.mark.slow

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from stories import play
 
-from controller.cell.commissioning import CommissionOrder, Session, due
+from controller.cell.commissioning import CommissioningSession, CommissionOrder, due
 from controller.cell.commissioning.person import HELPER
 from controller.cell.devices.clocks import FoundClock
 from controller.cell.operator import NOBODY, Answer, Operator, Question
-from controller.commissioning.procedure import Folder, Outcome, Status, StepRecord
+from controller.commissioning.procedure import CommissioningFolder, StepEnd, StepRecord, StepStatus
 from controller.config import ConfigError
 from emulators.umi_scara import Axis
 from simulation.cell import BEAT_S, SimulatedCell
@@ -41,13 +41,13 @@ class Story:
 
     def __init__(self, loop: SimulatedLoop, cell: SimulatedCell, out: Path) -> None:
         self.loop, self.cell = loop, cell
-        self.order = CommissionOrder(cell.cell_path, Folder(out), "a tester")
+        self.order = CommissionOrder(cell.cell_path, CommissioningFolder(out), "a tester")
         self.lines: list[str] = []
         self.number = 0
 
-    def session(self, operator: Operator) -> Session:
+    def session(self, operator: Operator) -> CommissioningSession:
         controller = self.cell.controller()
-        return Session(
+        return CommissioningSession(
             self.order,
             {},
             FoundClock(monotonic=self.loop.time, beat_wall_s=BEAT_S),
@@ -57,14 +57,14 @@ class Story:
             controller._devices,
         )
 
-    async def run(self, session: Session) -> StepRecord:
+    async def run(self, session: CommissioningSession) -> StepRecord:
         """Run the step `devices` to its end, as a controller of its own."""
         self.number += 1
         process = SimulatedProcess(f"session {self.number}")
         (record,) = await self.loop.spawn(process, session.run(("devices",), lambda record: None))
         return record
 
-    def status(self) -> Status:
+    def status(self) -> StepStatus:
         return self.order.standings(datetime.now(UTC))[0].status
 
     def counts(self) -> dict[Axis, float]:
@@ -75,8 +75,8 @@ def test_a_step_that_passes_leaves_its_record_and_is_done(tmp_path: Path) -> Non
     async def story(one: Story) -> None:
         helper = Helper()
         record = await one.run(one.session(helper))
-        assert (record.outcome, record.message) == (Outcome.PASSED, "")
-        assert one.status() is Status.DONE
+        assert (record.outcome, record.message) == (StepEnd.PASSED, "")
+        assert one.status() is StepStatus.DONE
         assert due(one.order.standings(datetime.now(UTC)), None) == (
             "light",
             "arm",
@@ -101,14 +101,14 @@ def test_a_stop_half_way_halts_the_arm_and_the_next_start_goes_on(tmp_path: Path
         helper = Helper("shoulder", lambda: session.request_stop("Ctrl-C", "stop"))
         session._operator = helper
         record = await one.run(session)
-        assert record.outcome is Outcome.BROKEN_OFF
+        assert record.outcome is StepEnd.BROKEN_OFF
         assert "Ctrl-C" in record.message
         before = one.counts()
         one.cell.catch_up()
         assert one.counts() == before
-        assert one.status() is Status.NOT_DONE
-        assert (await one.run(one.session(Helper()))).outcome is Outcome.PASSED
-        assert one.status() is Status.DONE
+        assert one.status() is StepStatus.NOT_DONE
+        assert (await one.run(one.session(Helper()))).outcome is StepEnd.PASSED
+        assert one.status() is StepStatus.DONE
 
     play(tmp_path, Story, story)
 
@@ -117,11 +117,11 @@ def test_an_emergency_stop_half_way_is_latched_until_somebody_has_seen_it(tmp_pa
     async def story(one: Story) -> None:
         helper = Helper("Homing: the shoulder", lambda: one.cell.befall("estop", pressed=True))
         record = await one.run(one.session(helper))
-        assert record.outcome is Outcome.BROKEN_OFF
+        assert record.outcome is StepEnd.BROKEN_OFF
         one.cell.befall("estop", pressed=False)
         one.cell.befall("reset")
         again = Helper()
-        assert (await one.run(one.session(again))).outcome is Outcome.PASSED
+        assert (await one.run(one.session(again))).outcome is StepEnd.PASSED
         assert any("acknowledged" in text for text in again.texts)
 
     play(tmp_path, Story, story)
@@ -134,7 +134,7 @@ def test_the_watchdog_is_proven_by_cutting_communication(tmp_path: Path) -> None
     async def story(one: Story) -> None:
         helper = Helper()
         record = await one.run(one.session(helper))
-        assert (record.outcome, record.message) == (Outcome.PASSED, "")
+        assert (record.outcome, record.message) == (StepEnd.PASSED, "")
         assert any("lose their supply next" in text for text in helper.texts)
         (went,) = [figure for figure in record.figures if "without supply" in figure.name]
         assert went.value == pytest.approx(WATCHDOG_S, abs=0.1)  # as its web console has it
@@ -158,7 +158,7 @@ def test_a_watchdog_that_stops_nothing_fails_the_step(
     async def story(one: Story) -> None:
         one.cell.befall("io_watchdog", **wrong)
         record = await one.run(one.session(Helper()))
-        assert record.outcome is Outcome.FAILED
+        assert record.outcome is StepEnd.FAILED
         assert told in record.message
 
     play(tmp_path, Story, story, watchdog_s=WATCHDOG_S)
@@ -187,7 +187,7 @@ def test_a_device_that_is_lost_half_way_is_named_and_nothing_is_lost(
         first = await one.run(one.session(Helper()))
         helper = Helper("Homing: zed", lambda: one.cell.befall("power", device=device))
         record = await one.run(one.session(helper))
-        assert record.outcome in (Outcome.FAILED, Outcome.BROKEN_OFF)
+        assert record.outcome in (StepEnd.FAILED, StepEnd.BROKEN_OFF)
         assert re.search(word, record.message), record.message
         kept = one.order.folder.path / first.evidence / "record.json"
         assert StepRecord.model_validate_json(kept.read_text()) == first
@@ -199,7 +199,7 @@ def test_where_nobody_is_there_nothing_moves(tmp_path: Path) -> None:
     async def story(one: Story) -> None:
         before = one.counts()
         record = await one.run(one.session(NOBODY))
-        assert record.outcome is Outcome.BROKEN_OFF
+        assert record.outcome is StepEnd.BROKEN_OFF
         assert "a person is required" in record.message
         assert one.counts() == before
 

@@ -13,7 +13,7 @@ from controller.cell.commissioning.dry import DryOrder, DryPlan, DrySession, Lif
 from controller.cell.devices.clocks import FoundClock
 from controller.cell.journal import JOURNAL_NAME, read_rows
 from controller.cell.operator import NOBODY
-from controller.commissioning.procedure import Outcome, StepRecord
+from controller.commissioning.procedure import StepEnd, StepRecord
 from controller.config import load_cell
 from controller.results import load_run, report_json, write_html
 from controller.setup.layout import build_layout
@@ -78,7 +78,7 @@ class Story:
 def test_a_dry_run_drives_its_steps_opens_both_grippers_and_has_no_verdict(tmp_path: Path) -> None:
     async def story(one: Story) -> None:
         record = await one.run(one.session(12.0, 5.0))
-        assert (record.outcome, record.message) == (Outcome.PASSED, "")
+        assert (record.outcome, record.message) == (StepEnd.PASSED, "")
         cell = load_cell(one.cell.cell_path)
         # open jaws, as the world has them, to a count of each gripper
         assert one.counts()[Axis.GRIPPER] > 0
@@ -127,7 +127,7 @@ def test_a_dry_run_that_is_stopped_halts_above_tray_and_says_so(tmp_path: Path, 
         waiting = asyncio.create_task(soon())
         record = await one.run(session)
         await waiting
-        assert record.outcome is Outcome.BROKEN_OFF
+        assert record.outcome is StepEnd.BROKEN_OFF
         assert {"stop": "Ctrl-C", "door": "door"}[what] in record.message
         before = one.counts()
         one.cell.catch_up()

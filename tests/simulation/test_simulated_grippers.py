@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from stories import play
 
-from controller.cell.commissioning import CommissionOrder, Errand, Session
+from controller.cell.commissioning import CommissioningSession, CommissionOrder, Errand
 from controller.cell.commissioning.gauges import touching
 from controller.cell.commissioning.person import HELPER
 from controller.cell.commissioning.steps import grippers
 from controller.cell.devices.clocks import FoundClock
 from controller.cell.operator import Answer, Question
-from controller.commissioning.procedure import Folder, Outcome, StepRecord
+from controller.commissioning.procedure import CommissioningFolder, StepEnd, StepRecord
 from controller.config import load_cell
 from controller.config.calibrations import FixedGripperCalibration, read_calibration
 from emulators.gripper_modbus import JawScale, RobotiqConfig
@@ -69,16 +69,16 @@ class Story:
         assert TRUE in text
         self.drawn = cell.cell_path.with_name("drawn.yaml")
         self.drawn.write_text(text.replace(TRUE, DRAWN), encoding="utf-8")
-        self.order = CommissionOrder(self.drawn, Folder(out), "a tester")
+        self.order = CommissionOrder(self.drawn, CommissioningFolder(out), "a tester")
         self.hands = Hands(cell)
         self.lines: list[str] = []
         self.number = 0
         self.at: dict[str, Callable[[], None]] = {}
         self.session = self.new_session()
 
-    def new_session(self) -> Session:
+    def new_session(self) -> CommissioningSession:
         controller = self.cell.controller()
-        return Session(
+        return CommissioningSession(
             self.order,
             {},
             FoundClock(monotonic=self.loop.time, beat_wall_s=BEAT_S),
@@ -124,7 +124,7 @@ def test_touches_find_the_jaws_plane_and_gauges_the_openings(
             scale=JawScale(wider_mm=0.4, stretch=1.008)
         )
         record = await one.run()
-        assert (record.outcome, record.message) == (Outcome.PASSED, "")
+        assert (record.outcome, record.message) == (StepEnd.PASSED, "")
         assert one.cell.cell.world.collisions == []
         assert one.cell.cell.jaws.opening_mm > 84.0  # as the next start wants to find it
         file = one.order.folder.path / "calibrations" / "fixed_gripper.json"
@@ -162,7 +162,7 @@ def test_a_gauge_that_nobody_holds_there_is_missed(
     async def story(one: Story) -> None:
         one.hands.idle_at = idle_at
         record = await one.run()
-        assert record.outcome is Outcome.FAILED
+        assert record.outcome is StepEnd.FAILED
         assert words in record.message
 
     tell(tmp_path, monkeypatch, story)
@@ -175,7 +175,7 @@ def test_a_plate_that_falls_out_half_way_is_missed_and_the_arm_leaves(
     async def story(one: Story) -> None:
         one.at["touch 1.1"] = lambda: one.cell.befall("lose_part", gripper="fixture")
         record = await one.run()
-        assert record.outcome is Outcome.FAILED
+        assert record.outcome is StepEnd.FAILED
         assert "the plate is no longer in the fixed gripper" in record.message
         park = load_cell(one.drawn).arm.park_deg  # type: ignore[union-attr]
         q = one.cell.cell.arm.joints()
@@ -192,11 +192,11 @@ def test_a_stop_between_touches_keeps_the_plate_and_names_it_at_the_next_start(
     async def story(one: Story) -> None:
         one.at["touch 1.1"] = lambda: one.session.request_stop("Ctrl-C", "stop")
         record = await one.run()
-        assert record.outcome is Outcome.BROKEN_OFF
+        assert record.outcome is StepEnd.BROKEN_OFF
         assert "Ctrl-C" in record.message
         assert one.cell.cell.world.fixed_gripper.hold is not None
         again = await one.run()
-        assert again.outcome is Outcome.FAILED
+        assert again.outcome is StepEnd.FAILED
         assert "fixed gripper holds a part" in again.message
         assert "recover --cell CELL --open fixed" in again.message
 
@@ -209,7 +209,7 @@ def test_a_gripper_that_is_lost_half_way_is_named(
     async def story(one: Story) -> None:
         one.at["touch 1.1"] = lambda: one.cell.befall("power", device="gripper")
         record = await one.run()
-        assert record.outcome in (Outcome.FAILED, Outcome.BROKEN_OFF)
+        assert record.outcome in (StepEnd.FAILED, StepEnd.BROKEN_OFF)
         assert "gripper" in record.message
 
     tell(tmp_path, monkeypatch, story)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from stories import play
 
-from controller.cell.commissioning.jogging import JogOrders, JogSession, Reading, Taken
+from controller.cell.commissioning.jogging import ArmReading, JogOrders, JogSession, TakenOver
 from controller.cell.devices.clocks import FoundClock
 from controller.cell.operator import Answer, Question
-from controller.commissioning.procedure import Outcome, StepRecord
+from controller.commissioning.procedure import StepEnd, StepRecord
 from controller.config import load_cell
 from emulators.umi_scara import COUNTS_PER_DEG, Axis
 from simulation.cell import BEAT_S, SimulatedCell
@@ -36,7 +36,7 @@ class Script:
         self.left = list(orders)
         self.given: list[str] = []
         self.after, self.then = after, then
-        self.readings: list[Reading] = []
+        self.readings: list[ArmReading] = []
         self.words: list[str] = []
         self.refusals: dict[str, str] = {}
         self.questions: list[str] = []
@@ -61,7 +61,7 @@ class Script:
         declines = bool(self.declines) and self.declines in question.text
         return Answer(question.choices[-1 if declines else 0].key, "a tester")
 
-    def show(self, reading: Reading) -> None:
+    def show(self, reading: ArmReading) -> None:
         self.readings.append(reading)
 
     def done(self, order: str, words: str) -> None:
@@ -78,7 +78,9 @@ class Story:
         self.loop, self.cell, self.out = loop, cell, out
         out.mkdir()
 
-    def session(self, pilot: Script, accept: Callable[[Taken], str] | None = None) -> JogSession:
+    def session(
+        self, pilot: Script, accept: Callable[[TakenOver], str] | None = None
+    ) -> JogSession:
         return JogSession(
             JogOrders(
                 cell=load_cell(self.cell.cell_path),
@@ -119,7 +121,7 @@ def test_before_homing_only_motors_and_homing_are_allowed(play: Play) -> None:
         before = one.counts()
         pilot = Script(("joint 1 5", "x +", "park", "open arm", "take", "motor nose"))
         record = await one.run(one.session(pilot))
-        assert record.outcome is Outcome.PASSED
+        assert record.outcome is StepEnd.PASSED
         assert set(pilot.refusals) == {
             "joint 1 5", "x +", "park", "open arm", "take", "motor nose",
         }  # fmt: skip
@@ -135,7 +137,7 @@ def test_before_homing_only_motors_and_homing_are_allowed(play: Play) -> None:
 def test_orders_move_the_arm_by_what_they_name_and_steps_add_up(play: Play) -> None:
     async def story(one: Story) -> None:
         pilot = Script((*HOMED, "joint 1 -25", "joint 2 -50", "step 1", *["x +"] * 6, "joint 4 7"))
-        assert (await one.run(one.session(pilot))).outcome is Outcome.PASSED
+        assert (await one.run(one.session(pilot))).outcome is StepEnd.PASSED
         assert not pilot.refusals
         # a reading stands before each order, and one after the last
         joints = [np.array(reading.joints) for reading in pilot.readings[-10:]]
@@ -157,7 +159,7 @@ def test_what_may_not_be_is_refused_with_its_reason_and_nothing_moves(play: Play
     async def story(one: Story) -> None:
         refused = ("joint 9 +", "x 60", "lamp sun on", "open arm 500", "take", "dance")
         pilot = Script((*HOMED, *refused))
-        assert (await one.run(one.session(pilot))).outcome is Outcome.PASSED
+        assert (await one.run(one.session(pilot))).outcome is StepEnd.PASSED
         assert set(pilot.refusals) == set(refused)
         assert len(pilot.readings) == len(HOMED) + len(refused) + 1
         assert "end of its reach" in pilot.refusals["x 60"]
@@ -171,7 +173,7 @@ def test_a_stop_by_the_pilot_halts_and_the_jog_goes_on(play: Play) -> None:
     async def story(one: Story) -> None:
         pilot = Script((*HOMED, "joint 1 -40", "show", "joint 1 -5"), after="joint 1 -40")
         pilot.then = pilot.stop.set
-        assert (await one.run(one.session(pilot))).outcome is Outcome.PASSED
+        assert (await one.run(one.session(pilot))).outcome is StepEnd.PASSED
         assert "halted" in pilot.refusals["joint 1 -40"]
         before, after, _, last = [np.array(r.joints) for r in pilot.readings[-4:]]
         assert 1.0 < before[0] - after[0] < 39.0  # on its way, and not at its end
@@ -203,7 +205,7 @@ def test_whatever_ends_a_jog_halts_the_arm_above_tray(play: Play, what: str) -> 
 
         then, pilot.then = pilot.then, lambda: (remember(), then())[-1]
         record = await one.run(session)
-        assert record.outcome is Outcome.BROKEN_OFF
+        assert record.outcome is StepEnd.BROKEN_OFF
         assert {"Ctrl-C": "terminal", "door": "door", "estop": "emergency stop"}[what] in (
             record.message
         )
@@ -222,7 +224,7 @@ def test_who_does_not_agree_to_motion_gets_none(play: Play) -> None:
         pilot = Script(("home",))
         pilot.declines = "slowly"
         record = await one.run(one.session(pilot))
-        assert record.outcome is Outcome.BROKEN_OFF
+        assert record.outcome is StepEnd.BROKEN_OFF
         assert not pilot.given
         assert one.counts() == before
 
@@ -234,7 +236,7 @@ def test_what_presses_is_opened_only_after_a_word(play: Play) -> None:
     async def story(one: Story) -> None:
         pilot = Script((*HOMED, "close arm", "open arm"))
         pilot.declines = "will fall"
-        assert (await one.run(one.session(pilot))).outcome is Outcome.PASSED
+        assert (await one.run(one.session(pilot))).outcome is StepEnd.PASSED
         assert "will fall" in pilot.refusals["open arm"]
         assert pilot.readings[-1].arm_opening_mm == pytest.approx(0.0, abs=1.0)
 
@@ -266,7 +268,7 @@ def test_homing_from_a_folded_elbow_finds_the_shoulders_stop_and_not_the_column(
         }
         arm.place(counts)
         pilot = Script(("home",))
-        assert (await one.run(one.session(pilot))).outcome is Outcome.PASSED
+        assert (await one.run(one.session(pilot))).outcome is StepEnd.PASSED
         assert not pilot.refusals
         # at the park every counter but zed's reads 0 (umi_rtx.md 4.1, step 7)
         for axis in (Axis.SHOULDER, Axis.ELBOW, Axis.YAW, Axis.WRIST1, Axis.WRIST2):

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller.cell.commissioning import CommissionOrder, Errand, Session
+from controller.cell.commissioning import CommissioningSession, CommissionOrder, Errand
 from controller.cell.commissioning.person import HELPER
 from controller.cell.devices.clocks import FoundClock
 from controller.cell.operator import Answer, Question
-from controller.commissioning.procedure import Folder, Outcome, StepRecord
+from controller.commissioning.procedure import CommissioningFolder, StepEnd, StepRecord
 from controller.config import load_cell
 from simulation.cell import BEAT_S, Scene, SimulatedCell
 from simulation.loop import SimulatedLoop, SimulatedProcess
@@ -39,7 +39,7 @@ class Hands:
 
 
 def run(
-    tmp_path: Path, then: Callable[[Session, Mapping[str, Any]], Any], times: int = 1
+    tmp_path: Path, then: Callable[[CommissioningSession, Mapping[str, Any]], Any], times: int = 1
 ) -> tuple[StepRecord, Path]:
     """Run the step `trays` so often, on a cell whose trays stand beside their marks.
 
@@ -51,10 +51,10 @@ def run(
     out = tmp_path / "out"
 
     async def once(number: int) -> StepRecord:
-        order = CommissionOrder(cell.cell_path, Folder(out), "a tester")
-        found: list[Session] = []
+        order = CommissionOrder(cell.cell_path, CommissioningFolder(out), "a tester")
+        found: list[CommissioningSession] = []
         hands = Hands(cell, lambda what: then(found[0], what) if number == 0 else None)
-        session = Session(
+        session = CommissioningSession(
             order,
             {},
             FoundClock(monotonic=loop.time, beat_wall_s=BEAT_S),
@@ -89,7 +89,7 @@ def run(
 
 def test_trays_beside_their_marks_are_found_and_used(tmp_path: Path) -> None:
     record, out = run(tmp_path, lambda session, order: None)
-    assert (record.outcome, record.message) == (Outcome.PASSED, "")
+    assert (record.outcome, record.message) == (StepEnd.PASSED, "")
     cell = load_cell(out / "cell.yaml")
     # a hand is up to 0.5 mm off along each axis, rounding of joints less
     np.testing.assert_allclose(cell.trays.accept.centre, ACCEPT + MOVED_MM, atol=0.7)
@@ -99,13 +99,13 @@ def test_trays_beside_their_marks_are_found_and_used(tmp_path: Path) -> None:
 
 
 def test_another_corner_than_the_one_named_is_noticed(tmp_path: Path) -> None:
-    def beside(session: Session, order: Mapping[str, Any]) -> Mapping[str, Any]:
+    def beside(session: CommissioningSession, order: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the place at hand instead: straight down, wherever the corner is."""
         near = np.array(order["corner"]) if "corner" in order else np.zeros(2)
         return {**order, "corner": [int(near[0]), int(-near[1])]} if "corner" in order else order
 
     record, out = run(tmp_path, beside)
-    assert record.outcome is Outcome.FAILED
+    assert record.outcome is StepEnd.FAILED
     assert "it was another corner, or the tray stands elsewhere" in record.message
     assert not (out / "calibrations" / "trays.json").exists()
 
@@ -114,16 +114,16 @@ def test_another_corner_than_the_one_named_is_noticed(tmp_path: Path) -> None:
 def test_a_stop_half_way_keeps_what_was_found_and_the_next_start_goes_on(tmp_path: Path) -> None:
     seen: list[str] = []
 
-    def half_way(session: Session, order: Mapping[str, Any]) -> None:
+    def half_way(session: CommissioningSession, order: Mapping[str, Any]) -> None:
         seen.append(order["do"])
         if len(seen) == 3:
             session.request_stop("Ctrl-C", "stop")
 
     record, out = run(tmp_path, half_way, times=2)
-    assert record.outcome is Outcome.PASSED
+    assert record.outcome is StepEnd.PASSED
     kept = sorted(out.glob("evidence/*-trays*/record.json"))
     assert len(kept) == 2
     first = StepRecord.model_validate_json(kept[0].read_text())
-    assert first.outcome is Outcome.BROKEN_OFF
+    assert first.outcome is StepEnd.BROKEN_OFF
     assert "Ctrl-C" in first.message
     assert any(one.name.startswith("tray accept") for one in first.figures)

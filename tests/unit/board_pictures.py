@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from controller.commissioning.calibration import (
     Charuco,
     FoundBoard,
-    Placed,
+    PlacedBoard,
     Target,
     View,
     WorldFrame,
@@ -36,7 +36,7 @@ class Scene:
     """A camera over a table, and boards: (name, placed, T_world_board)."""
 
     camera: Camera
-    boards: tuple[tuple[str, Placed, Array], ...]
+    boards: tuple[tuple[str, PlacedBoard, Array], ...]
     world: WorldFrame
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.conformance.requirement import Bench, Bounds, Stopwatch
+from controller.conformance.requirement import Stopwatch, TestBench, TimeLimits
 from drivers.clock import CellClock
 from drivers.errors import (
     LinkError,
@@ -23,7 +23,7 @@ from drivers.kinds import Capture, Change, Hold, JawReading, Lamp, Signal, Stop
 
 REPLY_S = 0.005
 SILENT_S = 0.4
-BOUNDS = Bounds(stop_s=1.0, arm_silent_s=0.5, stale_s=0.2, poll_s=0.04, frame_late_s=0.5)
+BOUNDS = TimeLimits(stop_s=1.0, arm_silent_s=0.5, stale_s=0.2, poll_s=0.04, frame_late_s=0.5)
 CAPTURE = Capture(64, 48, ("GREY",), 5.0, 0.01, 0, 0.0, 0.5)
 LAMPS = (Lamp("ring", 0, 0), Lamp("bar", 1, 1))
 INPUTS = ("estop_ok", "guard_closed")
@@ -419,7 +419,7 @@ SOUND: dict[str, type[Device]] = {
 BODIES: dict[str, type[Any]] = {"arm": Body, "gripper": Jaws}
 
 
-def bench_of(kind: str, make: type[Device], clock: CellClock) -> Bench:
+def bench_of(kind: str, make: type[Device], clock: CellClock) -> TestBench:
     line = MemoryLine()
     body = BODIES[kind](clock) if kind in BODIES else None
     facts = {
@@ -430,6 +430,6 @@ def bench_of(kind: str, make: type[Device], clock: CellClock) -> Bench:
         "slides": SLIDES,
         "within_limits": lambda q: bool((np.abs(q) <= RANGE).all()),
     }
-    return Bench(
+    return TestBench(
         kind, kind, lambda: make(line, clock, body), clock, Stopwatch(clock), BOUNDS, line, facts
     )

@@ -19,9 +19,9 @@ from controller.commissioning.kinematics import (
     BoardPicture,
     CameraPrior,
     CellPrior,
-    Face,
-    Grasp,
     Placing,
+    PlateGrasp,
+    PrintedPattern,
     base_std,
     clamped_std,
 )
@@ -168,11 +168,15 @@ def grid(columns: int, rows: int, square_mm: float) -> np.ndarray:
     return square_mm * np.column_stack([x.ravel(), y.ravel()]).astype(float)
 
 
-def paddle_faces() -> dict[str, Face]:
+def paddle_faces() -> dict[str, PrintedPattern]:
     front, back = np.eye(4), np.eye(4)
     front[:3, :3], front[:3, 3] = [[0, 1, 0], [0, 0, 1], [1, 0, 0]], [30, THICK_MM / 2, -30]
     back[:3, :3], back[:3, 3] = [[0, 1, 0], [0, 0, -1], [-1, 0, 0]], [30, -THICK_MM / 2, 30]
-    return {"front": Face(front), "back": Face(back, pose_mm=0.1, pose_rad=0.001), "flat": Face()}
+    return {
+        "front": PrintedPattern(front),
+        "back": PrintedPattern(back, pose_mm=0.1, pose_rad=0.001),
+        "flat": PrintedPattern(),
+    }
 
 
 def true_cell(seed: int, **changes: Any) -> TrueCell:
@@ -246,7 +250,7 @@ def prior(grasp_count: int = 1, placing_count: int = 4) -> CellPrior:
         paddle_faces(),
         placings,
         {
-            f"grasp{i}": Grasp(pose(np.eye(3), [PAD_X_MM, 0, 0]), clamped_std())
+            f"grasp{i}": PlateGrasp(pose(np.eye(3), [PAD_X_MM, 0, 0]), clamped_std())
             for i in range(grasp_count)
         },
         UmiFigures(ArmGeometry()),

@@ -18,9 +18,9 @@ from controller.cell.journal import JOURNAL_NAME, Journal, rows
 from controller.config import load_cell
 from controller.page import now
 from controller.page.app import build_app, build_screens
-from controller.page.frame import Frame, Setting
+from controller.page.frame import PageFrame, Setting
 from controller.page.now.live import Live
-from controller.page.security import Account, Accounts, Attempts, Role, Sessions, Site
+from controller.page.security import Account, Accounts, Attempts, PageAddress, Role, Sessions
 
 ROOT = Path(__file__).resolve().parents[2]
 CELL = ROOT / "recipes" / "cells" / "emulated.yaml"
@@ -71,7 +71,7 @@ class Bench:
     `client` logs in as nobody until `log_in`.
     """
 
-    page: Frame
+    page: PageFrame
     client: TestClient
     clock: Clock
     live: Live
@@ -103,7 +103,7 @@ class Bench:
         return reply.status_code, reply.text
 
 
-def bench(folder: Path, site: Site | None = None) -> Bench:
+def bench(folder: Path, site: PageAddress | None = None) -> Bench:
     """Return a page of `folder/runs`, with the accounts of `folder/accounts.json`."""
     clock = Clock()
     runs = folder / "runs"
@@ -116,8 +116,8 @@ def bench(folder: Path, site: Site | None = None) -> Bench:
 
     with patch.object(now, "Live", live):
         screens = build_screens(Setting(runs, folder))
-    frame = Frame(
-        site or Site.served("127.0.0.1", 8470, with_tls=False),
+    frame = PageFrame(
+        site or PageAddress.served("127.0.0.1", 8470, with_tls=False),
         Accounts(folder / "accounts.json", CHEAP),
         Sessions(clock),
         screens,

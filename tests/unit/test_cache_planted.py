@@ -23,7 +23,7 @@ from controller.cache.file import DIGEST_BYTES, MAX_BYTES, pack, sealed, unpack
 from controller.cad.compiled import CompileOptions, load_part
 from controller.cad.compiled.cache import part_cache
 from controller.cell.plans import PlanCache
-from controller.cell.plans.stored import Kept
+from controller.cell.plans.stored import PartCaches
 from controller.config import load_cell
 from controller.planning import GraspRules, PlanOptions
 from controller.recognition.stored import entry_cache, open_library, shape_cache
@@ -77,7 +77,7 @@ def filled(tmp_path_factory: pytest.TempPathFactory) -> dict[str, User]:
         part = load_part(path)
         open_library([(path, CompileOptions())], layout.overhead).model(0)
         PlanCache(part, layout, FEW).plan_at(part.poses[0], 360.0, 0.0, 0.4)
-    kept = Kept(part)
+    kept = PartCaches(part)
     caches: dict[str, DiskCache[Any]] = {
         "part": part_cache(),
         "views": entry_cache(),

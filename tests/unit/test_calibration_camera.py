@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from controller.commissioning.calibration import (
     PARAMETERS,
-    Calibration,
+    CalibratedCamera,
     CalibrationError,
     CalibrationLimits,
     Chessboard,
     FoundBoard,
-    Placed,
+    PlacedBoard,
     View,
     WorldFrame,
     calibrate,
@@ -32,17 +32,17 @@ LENS = (-0.25, 0.35, 0.002, -0.0015, 0.0)
 # pixels 5 : 4
 CAMERA = camera_over_table((640, 512), (900.0, 1125.0), LENS, height_mm=330.0)
 FLAT = (
-    ("flat 0", Placed.FLAT, pose(-40, -25, 0, 8)),
-    ("flat 1", Placed.FLAT, pose(-95, -60, 0, 3)),
-    ("flat 2", Placed.FLAT, pose(30, 65, 0, -80)),
-    ("flat 3", Placed.FLAT, pose(95, -60, 0, 80)),
+    ("flat 0", PlacedBoard.FLAT, pose(-40, -25, 0, 8)),
+    ("flat 1", PlacedBoard.FLAT, pose(-95, -60, 0, 3)),
+    ("flat 2", PlacedBoard.FLAT, pose(30, 65, 0, -80)),
+    ("flat 3", PlacedBoard.FLAT, pose(95, -60, 0, 80)),
 )
 TILTED = (
-    ("tilted 0", Placed.TILTED, pose(-50, -30, 30, 5, (20, 0))),
-    ("tilted 1", Placed.TILTED, pose(-80, 10, 30, -10, (-20, 5))),
-    ("tilted 2", Placed.TILTED, pose(0, -60, 30, 10, (3, 22))),
-    ("tilted 3", Placed.TILTED, pose(-30, -30, 30, 0, (0, -22))),
-    ("tilted 4", Placed.TILTED, pose(60, -40, 20, 90, (18, 15))),
+    ("tilted 0", PlacedBoard.TILTED, pose(-50, -30, 30, 5, (20, 0))),
+    ("tilted 1", PlacedBoard.TILTED, pose(-80, 10, 30, -10, (-20, 5))),
+    ("tilted 2", PlacedBoard.TILTED, pose(0, -60, 30, 10, (3, 22))),
+    ("tilted 3", PlacedBoard.TILTED, pose(-30, -30, 30, 0, (0, -22))),
+    ("tilted 4", PlacedBoard.TILTED, pose(60, -40, 20, 90, (18, 15))),
 )
 SCENE = Scene(CAMERA, FLAT + TILTED, WORLD)
 CORNER_COUNT = 9 * 40
@@ -60,7 +60,7 @@ def _table_error_mm(found: Camera, truth: Camera, z: float = 0.0) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def usual() -> Calibration:
+def usual() -> CalibratedCamera:
     return calibrate(_views(), CAMERA.size_px, WORLD)
 
 
@@ -72,7 +72,7 @@ def test_without_noise_the_camera_is_the_true_one() -> None:
     assert _table_error_mm(found, CAMERA).max() < 2e-3
 
 
-def test_what_is_said_of_a_noisy_calibration_is_so(usual: Calibration) -> None:
+def test_what_is_said_of_a_noisy_calibration_is_so(usual: CalibratedCamera) -> None:
     # 80 unknowns less of 720 residuals: 5 % of chance either way, twice that allowed
     assert usual.noise_px == pytest.approx(0.05, rel=0.12)
     assert usual.rms_px == pytest.approx(0.05 * np.sqrt(2), rel=0.12)
@@ -88,13 +88,13 @@ def test_what_is_said_of_a_noisy_calibration_is_so(usual: Calibration) -> None:
         assert _table_error_mm(usual.camera, CAMERA, plane.height_mm).max() < 4 * plane.worst_mm
 
 
-def test_the_order_of_the_pictures_does_not_matter(usual: Calibration) -> None:
+def test_the_order_of_the_pictures_does_not_matter(usual: CalibratedCamera) -> None:
     turned = calibrate(_views()[::-1], CAMERA.size_px, WORLD)
     np.testing.assert_allclose(turned.camera.K, usual.camera.K, atol=1e-3)
     np.testing.assert_allclose(turned.camera.T_world_cam, usual.camera.T_world_cam, atol=1e-3)
 
 
-def test_the_camera_goes_where_the_target_file_moves_the_world(usual: Calibration) -> None:
+def test_the_camera_goes_where_the_target_file_moves_the_world(usual: CalibratedCamera) -> None:
     # the same pictures, the world turned by 30 deg and moved: every pose moves along
     T_new_world = pose(100, 50, 7, 30)
     origin = T_new_world[:3, :3] @ np.array(WORLD.origin_mm) + T_new_world[:3, 3]
@@ -105,7 +105,7 @@ def test_the_camera_goes_where_the_target_file_moves_the_world(usual: Calibratio
     )
 
 
-def test_another_flat_board_may_fix_the_world(usual: Calibration) -> None:
+def test_another_flat_board_may_fix_the_world(usual: CalibratedCamera) -> None:
     T = FLAT[2][2]
     angle = float(np.arctan2(T[1, 0], T[0, 0]))
     found = calibrate(_views(), CAMERA.size_px, WorldFrame("flat 2", tuple(T[:3, 3]), angle))
@@ -126,7 +126,7 @@ def test_terms_the_lens_does_not_have_are_held_and_named() -> None:
     assert _table_error_mm(found.camera, straight).max() < 4 * found.table[0].worst_mm
 
 
-def test_a_few_wrong_corners_are_left_out_and_counted(usual: Calibration) -> None:
+def test_a_few_wrong_corners_are_left_out_and_counted(usual: CalibratedCamera) -> None:
     views = _views()
     board = views[5].board
     pixels = board.pixels.copy()
@@ -175,7 +175,7 @@ def test_errors_of_many_noisy_calibrations_spread_as_the_covariance_says() -> No
         np.array([CAMERA.K[0, 0], CAMERA.K[1, 1], CAMERA.K[0, 2], CAMERA.K[1, 2], *LENS]),
         T_cam_world,
         tuple(
-            T if kind is Placed.FLAT else T_cam_world @ T
+            T if kind is PlacedBoard.FLAT else T_cam_world @ T
             for T, (_, kind, _) in zip(placed, SCENE.boards, strict=True)
         ),
     )
@@ -234,14 +234,16 @@ def test_flat_boards_alone_cannot_tell_a_long_lens_from_a_high_camera() -> None:
 
 def test_boards_called_tilted_that_lie_flat_are_seen_through() -> None:
     views = _views()[:4]
-    flat = [replace(v, placed=Placed.TILTED, name=f"tilted {v.name}") for v in _views(seed=2)[:4]]
+    flat = [
+        replace(v, placed=PlacedBoard.TILTED, name=f"tilted {v.name}") for v in _views(seed=2)[:4]
+    ]
     told = _refused(views + flat)
     assert "stand at most" in told or "cannot be told apart" in told
 
 
 def test_a_board_called_flat_that_leans_is_named() -> None:
     views = _views()
-    views[5] = replace(views[5], placed=Placed.FLAT)
+    views[5] = replace(views[5], placed=PlacedBoard.FLAT)
     told = _refused(views)
     assert told.startswith("tilted 1 is listed as flat, but is tilted ")
     tilt = np.degrees(np.arccos(TILTED[1][2][2, 2]))
@@ -251,8 +253,8 @@ def test_a_board_called_flat_that_leans_is_named() -> None:
 def test_boards_in_one_corner_do_not_show_the_lens_elsewhere() -> None:
     near = [pose(-120, -85, 5 * i, 3 * i) for i in range(3)]
     lean = [pose(-120, -85, 25, 5 * i, (18 * (-1) ** i, 9 * i)) for i in range(4)]
-    boards = tuple((f"flat {i}", Placed.FLAT, T) for i, T in enumerate(near)) + tuple(
-        (f"tilted {i}", Placed.TILTED, T) for i, T in enumerate(lean)
+    boards = tuple((f"flat {i}", PlacedBoard.FLAT, T) for i, T in enumerate(near)) + tuple(
+        (f"tilted {i}", PlacedBoard.TILTED, T) for i, T in enumerate(lean)
     )
     world = WorldFrame("flat 0", (-120.0, -85.0, 0.0), 0.0)
     told = _refused(_views(Scene(CAMERA, boards, world)), world)
@@ -284,7 +286,7 @@ def test_oblong_squares_are_refused() -> None:
     assert "squares" in _refused(views)
 
 
-def test_too_uncertain_a_table_is_refused_with_the_place(usual: Calibration) -> None:
+def test_too_uncertain_a_table_is_refused_with_the_place(usual: CalibratedCamera) -> None:
     check_uncertainty(usual, CalibrationLimits())
     with pytest.raises(
         CalibrationError, match=r"uncertain by .* mm at the .* limits are .* Add pictures"
@@ -294,7 +296,7 @@ def test_too_uncertain_a_table_is_refused_with_the_place(usual: Calibration) -> 
         )
 
 
-def test_a_corner_nobody_measured_is_told_and_not_refused(usual: Calibration) -> None:
+def test_a_corner_nobody_measured_is_told_and_not_refused(usual: CalibratedCamera) -> None:
     plane = replace(usual.table[0], worst_mm=1.0)  # the limit between the boards is 0.25 mm
     check_uncertainty(replace(usual, table=(plane, usual.table[1])), CalibrationLimits())
     plane = replace(usual.table[0], worst_mm=50.0)
@@ -302,7 +304,7 @@ def test_a_corner_nobody_measured_is_told_and_not_refused(usual: Calibration) ->
         check_uncertainty(replace(usual, table=(plane, usual.table[1])), CalibrationLimits())
 
 
-def test_too_uncertain_a_focal_length_is_refused(usual: Calibration) -> None:
+def test_too_uncertain_a_focal_length_is_refused(usual: CalibratedCamera) -> None:
     with pytest.raises(CalibrationError, match="focal length and height"):
         check_uncertainty(usual, replace(CalibrationLimits(), focal_std_max=1e-5))
 

@@ -15,7 +15,16 @@ import pytest
 from cad_solids import box, mesh_of, rod
 
 from controller.cad.compiled import CompileOptions
-from controller.catalogue import LOCAL, Ahead, Jobs, Pool, Work, ahead, jobs_among, open_pool
+from controller.catalogue import (
+    LOCAL,
+    Ahead,
+    Jobs,
+    PartWork,
+    TaskPool,
+    ahead,
+    jobs_among,
+    open_pool,
+)
 from controller.catalogue.tasks import Compiled
 from controller.cli import main
 from controller.cli.inputs import ahead as working
@@ -50,25 +59,25 @@ class AtOnce(Executor):
 def _no_work(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tasks that only name themselves; a part has four distinct poses."""
 
-    def compile_one(_: Work) -> Compiled:
+    def compile_one(_: PartWork) -> Compiled:
         return Compiled(1.0, distinct=(0, 2, 3, 7))
 
-    def prepare_one(_: Work) -> None: ...
+    def prepare_one(_: PartWork) -> None: ...
 
-    def certify_some(_: Work, __: tuple[int, ...]) -> None: ...
+    def certify_some(_: PartWork, __: tuple[int, ...]) -> None: ...
 
     for task in (compile_one, prepare_one, certify_some):
         monkeypatch.setattr(ahead, task.__name__, task)
 
 
-def works(count: int, cell: Path | None) -> list[Work]:
-    return [Work(Path(f"{n}.stl"), CompileOptions(), cell) for n in range(count)]
+def works(count: int, cell: Path | None) -> list[PartWork]:
+    return [PartWork(Path(f"{n}.stl"), CompileOptions(), cell) for n in range(count)]
 
 
 @pytest.mark.usefixtures("_no_work")
 def test_the_part_that_is_wanted_next_is_finished_first() -> None:
     executor = AtOnce()
-    line = Ahead(Pool(executor, 2), works(20, CELL))
+    line = Ahead(TaskPool(executor, 2), works(20, CELL))
     assert line.wait_for(0).planned
     begun = {args[0].path for _, args in executor.done}
     assert len(begun) < 10  # of twenty
@@ -83,7 +92,7 @@ def test_the_part_that_is_wanted_next_is_finished_first() -> None:
 @pytest.mark.usefixtures("_no_work")
 def test_the_poses_of_a_last_part_are_shared() -> None:
     executor = AtOnce()
-    made = Ahead(Pool(executor, 3), works(1, CELL)).wait_for(0)
+    made = Ahead(TaskPool(executor, 3), works(1, CELL)).wait_for(0)
     assert made.planned
     names = [name for name, _ in executor.done]
     assert names == ["compile_one", "prepare_one", *["certify_some"] * 3]
@@ -94,7 +103,7 @@ def test_the_poses_of_a_last_part_are_shared() -> None:
 @pytest.mark.usefixtures("_no_work")
 def test_without_a_cell_nothing_is_planned() -> None:
     executor = AtOnce()
-    made = Ahead(Pool(executor, 2), works(1, None)).wait_for(0)
+    made = Ahead(TaskPool(executor, 2), works(1, None)).wait_for(0)
     assert not made.planned
     assert [name for name, _ in executor.done] == ["compile_one"]
 
@@ -102,7 +111,7 @@ def test_without_a_cell_nothing_is_planned() -> None:
 @pytest.mark.usefixtures("_no_work")
 @pytest.mark.parametrize("dies_at", [0, 1, 4])
 def test_processes_that_die_keep_nobody_waiting(dies_at: int) -> None:
-    line = Ahead(Pool(AtOnce(dies_at), 2), works(5, CELL))
+    line = Ahead(TaskPool(AtOnce(dies_at), 2), works(5, CELL))
     made = [line.wait_for(number) for number in range(5)]
     assert isinstance(line.failure, BrokenProcessPool)
     assert not made[-1].planned

@@ -17,7 +17,7 @@ from controller.cell.actions import (
     PlaceAction,
     WithdrawAction,
 )
-from controller.cell.batch import Progress
+from controller.cell.batch import RunProgress
 from controller.cell.custody import Custody
 from controller.cell.devices.stopping import Stopping
 from controller.cell.errors import InterlockError, PartFaultError, PartProblemError
@@ -63,7 +63,7 @@ def record(journal: Journal) -> BatchRecord:
 def record_of(journal: Journal, count: int) -> BatchRecord:
     """Return the record of a batch of so many parts of one recipe, its first part begun."""
     product: Any = ANY(number=0, count=count, budgets=Budgets(1_000, 1_000))
-    made = BatchRecord(journal, Progress(), lambda: None, products=(product,))
+    made = BatchRecord(journal, RunProgress(), lambda: None, products=(product,))
     made.begin_part()
     return made
 
@@ -78,7 +78,7 @@ def leases_of(record: BatchRecord) -> Leases:
 
 
 def test_a_state_begins_without_the_label_of_the_one_before(journal: Journal) -> None:
-    shown = Progress()
+    shown = RunProgress()
     lines: list[tuple[str, str]] = []
     record = BatchRecord(journal, shown, lambda: lines.append((shown.state, shown.label)))
     record.show_state("planning")
@@ -90,7 +90,7 @@ def test_a_state_begins_without_the_label_of_the_one_before(journal: Journal) ->
 
 
 def test_how_long_a_plan_takes_is_shown_while_it_is_followed_only(journal: Journal) -> None:
-    shown = Progress()
+    shown = RunProgress()
     record = BatchRecord(journal, shown, lambda: None)
     record.show("place in tray accept", remaining_s=25.0)
     record.show_state("placing")

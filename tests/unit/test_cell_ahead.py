@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from controller.cell.actions.plan import PlanAction
-from controller.cell.batch import Progress
+from controller.cell.batch import RunProgress
 from controller.cell.compute import Pickable
 from controller.cell.custody import Around, TrayRecord
 from controller.cell.journal import Journal, read_rows
 from controller.cell.journal.rows import StoredFields
 from controller.cell.machine import GRASP, Budgets
-from controller.cell.services.records import BatchRecord, Product, matrix
+from controller.cell.services.records import BatchProduct, BatchRecord, matrix
 from controller.cell.services.table import Taking
 from controller.planning import NoPlanError, OnTable
 from controller.recognition import Alternative, Sighting
@@ -92,9 +92,9 @@ class Cell:
         policy: Any = None
         service: Any = self.now
         other: Any = self.ahead if ahead else None
-        self.product = Product(0, recipe, count, service, policy, Budgets(1, 9), other)
+        self.product = BatchProduct(0, recipe, count, service, policy, Budgets(1, 9), other)
         trays = TrayRecord({"accept": nests} if nests else {})
-        self.record = BatchRecord(self.journal, Progress(), lambda: None, trays, (self.product,))
+        self.record = BatchRecord(self.journal, RunProgress(), lambda: None, trays, (self.product,))
         self.taking = Taking(self.record)
         self.record.begin_part()
 

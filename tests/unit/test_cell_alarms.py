@@ -11,7 +11,7 @@ import pytest
 from controller.cell.alarms import ALARMS, BY_CODE, Severity, alarm_of, code_of, device_named
 from controller.cell.alarms.catalogue import class_code
 from controller.cell.alarms.page import page
-from controller.cell.batch import Outcome
+from controller.cell.batch import BatchEnd
 from controller.cell.devices.interlocks import BUILT_IN_RULES
 from controller.cell.devices.interlocks.rules import STALE
 from controller.cell.errors import PartFaultError, PartProblemError, PolicyAbortError
@@ -25,7 +25,7 @@ ROOTS = {"CellError", "DeviceError", "JournalError", "OSError"}
 OWN_CODE = {"PartProblemError", "PartFaultError", "PolicyAbortError"}
 # callable -> which positional argument is the code
 CODE_AT = {"PartProblemError": 0, "request_stop": 1, "request_abort": 1, "report": 2, "_Note": 3,
-           "Outcome": 2, "RunOutcome": 2, "alarm_of": 0, "code": 0}  # fmt: skip
+           "BatchEnd": 2, "RunOutcome": 2, "alarm_of": 0, "code": 0}  # fmt: skip
 # rows that stand for an alarm without being an error
 ROW_ALARMS = {"stop_not_confirmed", "device_retried", "demoted", "loop_late"}
 
@@ -163,7 +163,7 @@ def test_a_device_is_named_by_its_message_where_any_device_may_be_meant(
 
 
 def test_an_outcome_has_its_alarm() -> None:
-    alarm = Outcome("held", "the jaws closed on nothing", "grip_missed", "on the table").alarm
+    alarm = BatchEnd("held", "the jaws closed on nothing", "grip_missed", "on the table").alarm
     assert alarm is not None
     assert (alarm.number, alarm.severity) == (401, Severity.RECOVERED)
-    assert Outcome("complete", "", "", "").alarm is None
+    assert BatchEnd("complete", "", "", "").alarm is None

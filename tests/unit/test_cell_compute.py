@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 from controller.cell.compute import Compute, Job, answers, begin
-from controller.cell.compute.service import Question
+from controller.cell.compute.service import ComputeCall
 from controller.inspection import Kept
 
 JOB = Job(Path("recipe.yaml"), Path("cell.yaml"))
-QUESTIONS = {name: one for name, one in vars(Compute).items() if isinstance(one, Question)}
+QUESTIONS = {name: one for name, one in vars(Compute).items() if isinstance(one, ComputeCall)}
 
 
 class Text(str):

@@ -21,7 +21,7 @@ from controller.cell.errors import InterlockError, NoPermitError, PartFaultError
 from controller.cell.journal import Journal, Once, read_rows, rows
 from controller.cell.recovery import Case, Interrupted, Leaving, Opens, Proposal
 from controller.cell.services import Gate, Grippers, Permits, Retries, fault_policy
-from controller.cell.services.records import BatchRecord, Progress
+from controller.cell.services.records import BatchRecord, RunProgress
 from controller.config import FaultsSection
 from drivers.clock import CellClock
 from drivers.kinds import Hold, Signal
@@ -71,7 +71,7 @@ class Cell:
         self.journal = Journal(folder / "journal.sqlite", "run")
         self.fixed = Fixed()
         self.events = self.fixed.events
-        self.record = BatchRecord(self.journal, Progress(), lambda: None)
+        self.record = BatchRecord(self.journal, RunProgress(), lambda: None)
         self.record.begin_part()
         self.permits = Permits(self.journal)
         self.permits.issue("start")

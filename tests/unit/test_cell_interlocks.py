@@ -17,7 +17,7 @@ from controller.cell.batch.watching import InterlockWatcher
 from controller.cell.custody import Custody
 from controller.cell.devices.interlocks import (
     BUILT_IN_RULES,
-    Check,
+    CheckTime,
     Truth,
     check_interlocks,
     first_violation,
@@ -209,7 +209,7 @@ def test_the_unknown_refuses_unless_the_rule_admits_it(
 ) -> None:
     text = f"  mine: {{require: acknowledge, on_unknown: {on_unknown}, words: 'press it'}}\n"
     (mine,) = rules_of(load_cell(cell_with(tmp_path, text)).interlock_rules)[len(BUILT_IN) :]
-    found = first_violation([mine], Check.ADMIT, {"acknowledge": value, "always": T})
+    found = first_violation([mine], CheckTime.ADMIT, {"acknowledge": value, "always": T})
     assert (found is not None) is is_refused
 
 
@@ -217,8 +217,8 @@ def test_a_rule_whose_occasion_is_unknown_is_checked_all_the_same() -> None:
     (rule,) = [r for r in BUILT_IN_RULES if r.name == "hand_off_blocked"]
     held = {"custody_in_fixed": F, "custody_in_both": F, "custody_lost": F}
     facts = {"moves_arm": T, "fixed_gripper_free": F, **held}
-    assert first_violation([rule], Check.ADMIT, facts) is not None
-    assert first_violation([rule], Check.ADMIT, {**facts, "near_hand_off": F}) is None
+    assert first_violation([rule], CheckTime.ADMIT, facts) is not None
+    assert first_violation([rule], CheckTime.ADMIT, {**facts, "near_hand_off": F}) is None
 
 
 @pytest.mark.parametrize("signal", [Signal.NOT_OK, Signal.UNKNOWN])

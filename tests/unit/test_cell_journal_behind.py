@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 from dispatcher_bench import dispatcher_on
 
-from controller.cell.batch import Dispatcher, Outcome
+from controller.cell.batch import BatchEnd, Dispatcher
 from controller.cell.journal import Journal, JournalError, first_broken_row, read_rows, rows
 from controller.cell.machine import Effect, Event
-from controller.cell.services.records import BatchRecord, Progress
+from controller.cell.services.records import BatchRecord, RunProgress
 
 PATIENCE = "controller.cell.journal.writing.thread.PATIENCE_WALL_S"
 LONG_S = 600.0  # of a test that hangs
@@ -85,7 +85,7 @@ def behind(path: Path) -> Journal:
     return journal
 
 
-async def moving(journal: Journal) -> tuple[Dispatcher, asyncio.Task[Outcome], Metal]:
+async def moving(journal: Journal) -> tuple[Dispatcher, asyncio.Task[BatchEnd], Metal]:
     """Return a run whose arm moves, its task, and what it halts."""
     arm, metal = Moving(), Metal()
     dispatcher = dispatcher_on(journal, arm, metal)
@@ -150,7 +150,7 @@ async def test_a_once_intent_that_is_not_on_the_disk_in_time_is_refused_and_neve
     has_sent = False
     with stalled(monkeypatch):
         journal = behind(path)
-        record = BatchRecord(journal, Progress(), lambda: None)
+        record = BatchRecord(journal, RunProgress(), lambda: None)
         record.note(rows.Homed())  # the disk stalls over this one
         with pytest.raises(JournalError, match="no row could be written"):
             async with record.once(rows.Intent(name=rows.Once.GRASP)):

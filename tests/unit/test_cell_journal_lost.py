@@ -14,7 +14,7 @@ from controller.cell.batch.watching import DiskWatcher
 from controller.cell.custody import Custody
 from controller.cell.journal import Journal, rows
 from controller.cell.machine import Effect, Event
-from controller.cell.services.records import BatchRecord, Progress
+from controller.cell.services.records import BatchRecord, RunProgress
 from drivers.clock import CellClock
 
 
@@ -105,7 +105,7 @@ async def test_a_journal_lost_in_a_motion_stops_every_device(
 async def test_an_action_that_cannot_be_recorded_is_not_begun(tmp_path: Path) -> None:
     path = tmp_path / "journal.sqlite"
     journal, metal = Journal(path, "run"), Metal()
-    record = BatchRecord(journal, Progress(), lambda: None)
+    record = BatchRecord(journal, RunProgress(), lambda: None)
     grasping = Grasping(path, journal, record)
     outcome = await dispatcher_on(journal, grasping, metal, Custody.IN_ARM).run()
     assert (outcome.end, outcome.code) == ("aborted", "journal")

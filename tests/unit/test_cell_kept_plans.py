@@ -18,7 +18,7 @@ from controller.cache.file import pack, read_file, unpack
 from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, load_part
 from controller.cell.plans import KeptPlan, PlanCache
-from controller.cell.plans.stored import Kept, check_prepared, is_pose
+from controller.cell.plans.stored import PartCaches, check_prepared, is_pose
 from controller.config import load_cell
 from controller.planning import Certificate, GraspRules, PlanOptions, PreparedPart, Present
 from controller.setup.layout import build_layout
@@ -59,7 +59,7 @@ def file(
 ) -> Path:
     """A sound file of that plan."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    kept = Kept(part)
+    kept = PartCaches(part)
     path = kept.plans.file("block", "0123456789")
     kept.plans.save(path, made[0])
     assert kept.plans.load(path) is not None
@@ -69,14 +69,14 @@ def file(
 def test_a_plan_is_read_back_to_the_bit(
     part: CompiledPart, made: tuple[KeptPlan, PreparedPart], file: Path
 ) -> None:
-    found = Kept(part).plans.load(file)
+    found = PartCaches(part).plans.load(file)
     assert_same(found, made[0])
 
 
 def test_a_prepared_part_is_read_back_to_the_bit_and_plans_the_same(
     part: CompiledPart, made: tuple[KeptPlan, PreparedPart], file: Path
 ) -> None:
-    kept = Kept(part)
+    kept = PartCaches(part)
     path = kept.prepared.file("block", "42")
     kept.prepared.save(path, made[1])
     found = kept.prepared.load(path)
@@ -136,7 +136,7 @@ def test_a_planted_file_is_not_believed_and_said(
 ) -> None:
     file.write_bytes(planted(file))
     with caplog.at_level(logging.WARNING):
-        assert Kept(part).plans.load(file) is None
+        assert PartCaches(part).plans.load(file) is None
     assert caplog.text.count("it is made anew") == 1
     assert file.name in caplog.text
 
@@ -150,7 +150,7 @@ def test_a_plan_of_a_part_with_other_samples_is_refused(
         replace(step, seen=step.seen[:-1]) if isinstance(step, Present) else step
         for step in plan.steps
     )
-    kept = Kept(part)
+    kept = PartCaches(part)
     kept.plans.save(file, replace(made[0], plan=replace(plan, steps=steps)))
     assert kept.plans.load(file) is None
 
@@ -180,7 +180,7 @@ def test_a_mirror_is_no_pose() -> None:
 
 
 def test_the_plans_of_a_large_catalogue_are_all_kept(part: CompiledPart) -> None:
-    kept = Kept(part)
+    kept = PartCaches(part)
     refused = KeptPlan(part.poses[0].index, np.eye(4), None, "no")
     files = [kept.plans.file("block", f"{i}") for i in range(600)]
     for each in files:

@@ -27,9 +27,9 @@ from controller.cell.machine import (
     TABLE,
     WORK,
     CellMachine,
-    Decision,
     Effect,
     Event,
+    MachineDecision,
 )
 from controller.cell.machine.diagram import mermaid, page, pauses_mermaid, stages_mermaid
 
@@ -633,7 +633,7 @@ class Cell(RuleBasedStateMachine):
         self.pause: Effect | None = None
         self.has_been_stopped = False
 
-    def take(self, event: Event, reporter: Effect | None = None) -> Decision:
+    def take(self, event: Event, reporter: Effect | None = None) -> MachineDecision:
         decision = self.machine.dispatch(event)
         if decision.answer != "handled":
             return decision

@@ -14,7 +14,7 @@ from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.journal import rows
 from controller.cell.machine import Act, PartFault, Recovery
 from controller.cell.services.going_on import sighting_of
-from controller.cell.services.records import BatchRecord, PartRecord, Progress, sightings_row
+from controller.cell.services.records import BatchRecord, PartRecord, RunProgress, sightings_row
 from controller.cell.services.table import Label, LabelOrder, Labels, Taking
 from controller.recognition import Alternative, Sighting
 
@@ -237,7 +237,7 @@ class Batch:
             for n, (name, count) in enumerate(counts.items())
         ]  # fmt: skip
         journal: Any = ANY(write=lambda row, part: self.rows.append(row))
-        self.record = BatchRecord(journal, Progress(), lambda: None, products=products)
+        self.record = BatchRecord(journal, RunProgress(), lambda: None, products=products)
         self.record.begin_part()
         self.taking = Taking(self.record, Labels(order))
 

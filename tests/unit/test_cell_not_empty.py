@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 
 from controller.cell.actions import ConsultAction, HomeAction
-from controller.cell.batch import Dispatcher, Outcome
+from controller.cell.batch import BatchEnd, Dispatcher
 from controller.cell.errors import PartProblemError
 from controller.cell.journal import Journal, read_rows
 from controller.cell.machine import Effect, Event
 from controller.cell.operator import Answer, Question
 from controller.cell.services import Gate, Grippers, Permits, Retries, fault_policy
-from controller.cell.services.records import BatchRecord, Progress
+from controller.cell.services.records import BatchRecord, RunProgress
 from controller.config import FaultsSection
 from drivers.clock import CellClock
 from drivers.kinds import Signal
@@ -36,7 +36,7 @@ class Cell:
         self.moved: list[str] = []
         self.questions: list[Question] = []
         self.answers: list[tuple[str, bool]] = []  # key, and whether the part is out by then
-        record = BatchRecord(self.journal, Progress(), lambda: None)
+        record = BatchRecord(self.journal, RunProgress(), lambda: None)
         gate = Gate(Permits(self.journal), clock)
         io: Any = ANY(signal=self._signal)
         fixed: Any = ANY(
@@ -116,7 +116,7 @@ class Cell:
             self.has_contact = self.is_seen = False
         return Answer(key, "Ada")
 
-    async def run(self, *answers: tuple[str, bool]) -> Outcome:
+    async def run(self, *answers: tuple[str, bool]) -> BatchEnd:
         self.answers = list(answers)
         async with asyncio.timeout(20):
             return await self.dispatcher.run()

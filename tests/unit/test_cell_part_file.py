@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from controller.cell.batch import product_of
 from controller.cell.compute import Compute, Job, Located, answers
 from controller.cell.compute.job import context
-from controller.cell.services import PartFile
+from controller.cell.services import PartFileWriter
 from controller.cell.services.records import PartInGripper, PartRecord, Shown
 from controller.config import EMULATED_CELL, find_recipe, load_cell, load_recipe
 from controller.config.view_set import load_view_set
@@ -139,7 +139,7 @@ def test_views_in_the_file_are_the_views_that_were_judged(
         },
     )
     product = product_of(Compute(JOB, None), recipe, cell)  # type: ignore[arg-type]  # not asked
-    stored = PartFile(cell, layout, tmp_path).write(part, product)
+    stored = PartFileWriter(cell, layout, tmp_path).write(part, product)
     path = tmp_path / "part007.views.json"
     assert stored.file == path.name
     assert stored.digest == hashlib.sha256(path.read_bytes()).hexdigest()

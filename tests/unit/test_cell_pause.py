@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from controller.cell.actions import SuspendAction, UnsuspendAction
-from controller.cell.batch import Dispatcher, Outcome
+from controller.cell.batch import BatchEnd, Dispatcher
 from controller.cell.custody import Custody
 from controller.cell.devices.interlocks import BUILT_IN_RULES, Truth, Violation
 from controller.cell.errors import InterlockError, NoPermitError, PartFaultError
@@ -22,7 +22,7 @@ from controller.cell.operator import Answer, Desk, Journaled
 from controller.cell.services import Approval, Gate, Motion, NextMotion, Permits, Standstill
 from controller.cell.services.gate import JAWS_S, STOP_RAMP_S, Mover
 from controller.cell.services.motion import homing_preview
-from controller.cell.services.records import BatchRecord, Progress
+from controller.cell.services.records import BatchRecord, RunProgress
 from controller.config import load_cell
 from controller.setup.layout import build_layout
 from drivers.clock import CellClock
@@ -109,7 +109,7 @@ class Bench:
 
         interlocks: Any = ANY(admit_path=admit, holding=self._open_door)
         self.motion = Motion(self.arm, interlocks, clock, self.gate, LAYOUT)  # type: ignore[arg-type]
-        self.record = BatchRecord(self.journal, Progress(), lambda: None)
+        self.record = BatchRecord(self.journal, RunProgress(), lambda: None)
         self.checks: list[str] = []
         self.stopped: list[tuple[str, ...]] = []
         self.is_held = True
@@ -137,7 +137,7 @@ class Bench:
             actions, self.record, stopping, (), self.journal, self.gate, interlocks,
             self.standstill,
         )  # fmt: skip
-        self.running: asyncio.Task[Outcome] | None = None
+        self.running: asyncio.Task[BatchEnd] | None = None
 
     def approval(self) -> Approval | None:
         """Return who lets each motion begin."""
@@ -187,7 +187,7 @@ class Bench:
         self.arm.arrive.set()
         await settle()
 
-    async def end(self) -> Outcome:
+    async def end(self) -> BatchEnd:
         assert self.running is not None
         self.dispatcher.request_stop()
         outcome = await self.running

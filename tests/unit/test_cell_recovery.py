@@ -19,7 +19,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.cell.batch import PartRecord, Progress, assemble, product_of
+from controller.cell.batch import PartRecord, RunProgress, assemble, product_of
 from controller.cell.compute import Located
 from controller.cell.custody import ALONE, Custody
 from controller.cell.custody.release_guard import ReleaseGuard
@@ -49,6 +49,7 @@ from controller.imaging import inverse_pose
 from controller.inspection import FaceVerdict, PartInspection, PartVerdict, Verdict, ViewResult
 from controller.planning import (
     Ambiguity,
+    FaceToShowAgain,
     GiveStep,
     Grasp,
     InArm,
@@ -64,7 +65,6 @@ from controller.planning import (
     Proof,
     ReceiveStep,
     SetDown,
-    ShortFace,
     Start,
     Step,
     shown_pose,
@@ -286,7 +286,7 @@ class PaperCompute:
     starts: list[Start] = field(default_factory=list)
     asked_seen: list[np.ndarray | None] = field(default_factory=list)
     avoided: list[frozenset[str]] = field(default_factory=list)
-    short: list[frozenset[ShortFace]] = field(default_factory=list)
+    short: list[frozenset[FaceToShowAgain]] = field(default_factory=list)
     short_faces: list[tuple[int, ...]] = field(default_factory=list)  # of each judging
     shown: list[str] = field(default_factory=list)
     in_field: bool = True
@@ -323,7 +323,7 @@ class PaperCompute:
         avoid: frozenset[str],
         alternatives: Any,
         around: Any,
-        short: frozenset[ShortFace],
+        short: frozenset[FaceToShowAgain],
     ) -> Plan:
         assert around == ALONE
         self.short.append(short)
@@ -429,7 +429,7 @@ class PaperRun:
         cell = load_cell(ROOT / "recipes/cells/emulated.yaml")
         holder = product_of(self.compute, load_recipe(ROOT / "recipes/holder.yaml"), cell)
         batch = assemble(
-            (holder,), cell, LAYOUT, devices, clock, self._journal, folder, Progress(),
+            (holder,), cell, LAYOUT, devices, clock, self._journal, folder, RunProgress(),
             lambda: None,
         )  # fmt: skip
         self.record, self.actions, self._motion = batch.record, batch.actions, batch.motion
@@ -689,7 +689,7 @@ def test_a_face_of_which_too_little_was_compared_is_shown_from_another_grasp(
     assert run.compute.shown == ["v1", "v3"]
     assert run.compute.short == [
         frozenset(),
-        frozenset(ShortFace(grasp.id, 3) for grasp in first.grasps),
+        frozenset(FaceToShowAgain(grasp.id, 3) for grasp in first.grasps),
     ]
     rows = list(read_rows(run.journal))
     assert [row.body["verdict"] for row in rows if row.name == "verdict"] == ["pass"]

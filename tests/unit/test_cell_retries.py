@@ -12,7 +12,7 @@ import pytest
 
 from controller.cell.journal import Journal, read_rows
 from controller.cell.services import Imaging, Retries, fault_policy
-from controller.cell.services.records import BatchRecord, Progress
+from controller.cell.services.records import BatchRecord, RunProgress
 from controller.config import FaultsSection
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, DeviceError, RefusedError, UnpluggedError
@@ -75,7 +75,7 @@ class Lamps:
 
 
 def imaging_of(camera: Any, journal: Journal, tmp_path: Path) -> tuple[Imaging, Any]:
-    record = BatchRecord(journal, Progress(), lambda: None)
+    record = BatchRecord(journal, RunProgress(), lambda: None)
     retries = Retries(record, lambda: POLICY, CellClock(1000.0))
     lamps: Any = Lamps()
     cameras: Any = {"overhead": camera}

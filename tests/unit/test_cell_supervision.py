@@ -17,7 +17,7 @@ from controller.cell.devices.stopping import Stopping
 from controller.cell.journal import Journal, read_rows
 from controller.cell.machine import Event
 from controller.cell.services import Retries, fault_policy
-from controller.cell.services.records import BatchRecord, Progress
+from controller.cell.services.records import BatchRecord, RunProgress
 from controller.config import ConfigError, FaultsSection, load_cell
 from drivers.attendance import Attendance
 from drivers.clock import CellClock
@@ -144,7 +144,7 @@ async def test_an_arm_that_is_not_homed_is_left_alone() -> None:
 @pytest.fixture
 def record(tmp_path: Path) -> Iterator[BatchRecord]:
     journal = Journal(tmp_path / "journal.sqlite", "run")
-    yield BatchRecord(journal, Progress(), lambda: None)
+    yield BatchRecord(journal, RunProgress(), lambda: None)
     journal.close()
 
 

@@ -15,7 +15,7 @@ from controller.cell.errors import PartProblemError
 from controller.cell.journal import Journal, rows
 from controller.cell.machine import Event
 from controller.cell.operator.questions import LOOK, STOP, question_for
-from controller.cell.services.records import BatchRecord, PartRecord, Progress
+from controller.cell.services.records import BatchRecord, PartRecord, RunProgress
 from controller.config.cell import TraySection
 
 
@@ -64,7 +64,7 @@ class Lines:
 
 def batch(trays: TrayRecord) -> tuple[BatchRecord, Lines]:
     lines: Any = Lines()
-    record = BatchRecord(lines, Progress(), lambda: None, trays=trays)
+    record = BatchRecord(lines, RunProgress(), lambda: None, trays=trays)
     record.part = PartRecord(number=3)
     return record, lines
 

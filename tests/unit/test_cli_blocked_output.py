@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 
-from controller.cell.services.records import Progress
+from controller.cell.services.records import RunProgress
 from controller.cli.running.run_output import display
 from controller.cli.terminal.output import emit, log_stream, lost_line_count, relayed, stderr, warn
 
@@ -136,7 +136,7 @@ def test_a_terminal_after_ctrl_s_holds_up_neither_table_nor_sentences_nor_logs(
         with relayed():
             with display(as_json=False) as show:
                 for number in range(300):
-                    show(Progress(state=f"state {number}"))
+                    show(RunProgress(state=f"state {number}"))
                     warn(f"sentence {number} {'x' * 400}")
                     handler.emit(logging.LogRecord("a", 40, "", 0, f"log {number}", None, None))
             termios.tcflow(near, termios.TCOON)  # Ctrl-Q

@@ -15,7 +15,7 @@ import pytest
 from controller.cell.batch import Dispatcher
 from controller.cell.custody import Custody
 from controller.cell.journal import Journal, read_rows
-from controller.cli.running.ends import Ends
+from controller.cli.running.ends import CommandEnds
 from controller.processes import worker_pool
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -65,7 +65,7 @@ async def test_a_stop_before_the_first_motion_keeps_the_cell_from_moving(
 def test_before_anything_is_connected_a_signal_ends_the_command(number: signal.Signals) -> None:
     whoever_started_us = signal.signal(number, signal.SIG_DFL)  # nohup ignores hang-ups
     try:
-        with pytest.raises(KeyboardInterrupt), Ends().heard():
+        with pytest.raises(KeyboardInterrupt), CommandEnds().heard():
             os.kill(os.getpid(), number)
         assert signal.getsignal(number) is signal.SIG_DFL
     finally:
@@ -75,7 +75,7 @@ def test_before_anything_is_connected_a_signal_ends_the_command(number: signal.S
 def test_whoever_ignores_hang_ups_is_left_alone() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        with Ends().heard():
+        with CommandEnds().heard():
             os.kill(os.getpid(), signal.SIGHUP)
     finally:
         signal.signal(signal.SIGHUP, before)

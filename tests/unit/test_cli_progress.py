@@ -13,13 +13,13 @@ from controller.cad.compiled import load_part
 from controller.cell.plans import PlanCache
 from controller.cli.planning.certificates import certified_each
 from controller.cli.terminal import progress as progress_module
-from controller.cli.terminal.progress import Progress, shown_progress
+from controller.cli.terminal.progress import PartProgress, shown_progress
 from controller.config import EMULATED_CELL, load_cell
 from controller.setup.planner import planner_setup
 
 
 def test_a_line_names_the_stage_and_how_long_it_has_lasted() -> None:
-    progress = Progress("scan", as_json=False)
+    progress = PartProgress("scan", as_json=False)
     progress.begin("finding surfaces")
     began_s = progress._stage_began_s
     progress._began_s = began_s - 10.0
@@ -27,7 +27,7 @@ def test_a_line_names_the_stage_and_how_long_it_has_lasted() -> None:
 
 
 def test_a_program_gets_the_same_as_an_object() -> None:
-    progress = Progress("scan", as_json=True)
+    progress = PartProgress("scan", as_json=True)
     progress.begin("finding surfaces")
     began_s = progress._stage_began_s
     progress._began_s = began_s - 10.0
@@ -67,8 +67,8 @@ def test_each_certificate_is_a_stage(tmp_path: Path, monkeypatch: pytest.MonkeyP
     part = load_part(path)
     setup = planner_setup(None, load_cell(EMULATED_CELL), part)
     stages: list[str] = []
-    progress = Progress("wide", as_json=False)
-    monkeypatch.setattr(Progress, "begin", lambda _, stage: stages.append(stage))
+    progress = PartProgress("wide", as_json=False)
+    monkeypatch.setattr(PartProgress, "begin", lambda _, stage: stages.append(stage))
     planning = PlanCache(part, setup.layout, setup.options)
     certified = list(certified_each(planning, part.poses, progress))
     assert [c.certificate.pose_index for c in certified] == [p.index for p in part.poses]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.cell.batch import PartRecord, Progress
+from controller.cell.batch import PartRecord, RunProgress
 from controller.cell.machine import PartFault, Recovery
 from controller.cli.running.report_file import warn_no_report
 from controller.cli.running.run_output import part_json, progress_line
@@ -20,7 +20,7 @@ def test_recoveries_are_named_by_the_fault() -> None:
 
 
 def test_a_state_without_a_label_is_a_line_of_its_own() -> None:
-    shown = Progress(state="grasping", step=1, step_count=9, remaining_s=80.0)
+    shown = RunProgress(state="grasping", step=1, step_count=9, remaining_s=80.0)
     assert progress_line(shown) == "grasping 1/9 (80 s left)"
     shown.label = "pick it up"
     assert progress_line(shown) == "grasping 1/9: pick it up (80 s left)"

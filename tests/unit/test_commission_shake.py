@@ -17,7 +17,7 @@ from controller.cell.commissioning import StepFailedError
 from controller.cell.commissioning.gauges.holding import shake
 from controller.commissioning.calibration import Charuco, FoundBoard, charuco_board
 from controller.commissioning.kinematics import BoardPicture, plate_faces
-from controller.commissioning.procedure import Figure
+from controller.commissioning.procedure import StepFigure
 from controller.commissioning.target import load_board
 
 LAYOUT = emulated_layout()
@@ -34,12 +34,12 @@ T_CAM_BODY[:3, 3] = -40.0, 10.0, 650.0
 
 class Evidence:
     def __init__(self) -> None:
-        self.figures: list[Figure] = []
+        self.figures: list[StepFigure] = []
         self.findings = ["left out"]
 
     def measure(self, name: str, value: float, unit: str = "", **limits: Any) -> None:
         self.figures.append(
-            Figure(name=name, value=value, unit=unit, uncertainty=None, low=None, **limits)
+            StepFigure(name=name, value=value, unit=unit, uncertainty=None, low=None, **limits)
         )
 
 
@@ -74,7 +74,7 @@ class Plate:
         return BoardPicture(name, camera, "front", board, "plate", q)
 
 
-def shaken(slip: np.ndarray, *, is_seen: bool = True) -> tuple[Plate, list[Figure]]:
+def shaken(slip: np.ndarray, *, is_seen: bool = True) -> tuple[Plate, list[StepFigure]]:
     plate, evidence = Plate(slip), Evidence()
     plate.is_seen = is_seen
     bench: Any = SimpleNamespace(layout=LAYOUT, evidence=evidence, motion=plate)

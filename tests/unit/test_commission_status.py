@@ -10,7 +10,7 @@ import pytest
 from controller.cell.journal import JOURNAL_NAME, Journal, rows
 from controller.cli.app import main
 from controller.cli.commissioning.calibration_lines import calibration_lines
-from controller.commissioning.procedure import Folder
+from controller.commissioning.procedure import CommissioningFolder
 from controller.config import EMULATED_CELL
 from controller.config.calibrations import TraysCalibration
 
@@ -26,7 +26,7 @@ def commissioned(folder: Path, valid_runs: int | None) -> str:
         u_mm=0.5,
         valid_runs=valid_runs,
     )
-    Folder(folder).keep(EMULATED_CELL, {"trays": trays})
+    CommissioningFolder(folder).keep(EMULATED_CELL, {"trays": trays})
     return hashlib.sha256((folder / "calibrations" / "trays.json").read_bytes()).hexdigest()
 
 
@@ -52,7 +52,7 @@ def test_runs_that_used_a_calibration_are_counted_down(
     tmp_path: Path, times: int, left: int
 ) -> None:
     ran(tmp_path / "runs", commissioned(tmp_path / "out", 5), times)
-    (one,) = calibration_lines(Folder(tmp_path / "out"), tmp_path / "runs", NOW)
+    (one,) = calibration_lines(CommissioningFolder(tmp_path / "out"), tmp_path / "runs", NOW)
     assert (one.run_count, one.runs_left) == (times, left)
     assert f"{left} of 5 are left" in one.words
     assert ("stale" in one.words) == (left == 0)
@@ -60,14 +60,14 @@ def test_runs_that_used_a_calibration_are_counted_down(
 
 def test_a_calibration_without_a_limit_has_no_runs_left_to_state(tmp_path: Path) -> None:
     ran(tmp_path / "runs", commissioned(tmp_path / "out", None), 2)
-    (one,) = calibration_lines(Folder(tmp_path / "out"), tmp_path / "runs", NOW)
+    (one,) = calibration_lines(CommissioningFolder(tmp_path / "out"), tmp_path / "runs", NOW)
     assert one.words == "measured 2026-03-02, 2 runs have used it"
 
 
 def test_runs_with_another_calibration_do_not_count(tmp_path: Path) -> None:
     commissioned(tmp_path / "out", 5)
     ran(tmp_path / "runs", "0" * 64, 4)
-    (one,) = calibration_lines(Folder(tmp_path / "out"), tmp_path / "runs", NOW)
+    (one,) = calibration_lines(CommissioningFolder(tmp_path / "out"), tmp_path / "runs", NOW)
     assert one.runs_left == 5
 
 

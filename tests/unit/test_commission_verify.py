@@ -17,7 +17,7 @@ from controller.cell.commissioning.proof.hand_off import hand_off_lines
 from controller.cell.commissioning.steps.verify import holds_of, mean_hold, plate_offs
 from controller.commissioning.calibration import Charuco, FoundBoard, charuco_board
 from controller.commissioning.kinematics import BoardPicture, plate_faces
-from controller.commissioning.showing import Region, showing
+from controller.commissioning.showing import ShowingRegion, showing
 from controller.commissioning.target import load_board
 from controller.imaging import Camera
 from controller.planning.geometry import Box
@@ -46,7 +46,7 @@ def pictures(true: dict[str, Camera]) -> list[BoardPicture]:
         nominal = np.eye(4)
         nominal[0, 3] = -12.0
         T_tcp_board = nominal @ FACES["front"].T_body_board
-        region = Region(650.0, 900.0)
+        region = ShowingRegion(650.0, 900.0)
         scene = Scene(LAYOUT, 14.0, LAYOUT.fixed_open_mm, carried=PLATE)
         rng = np.random.default_rng(4)
         middle = p[:, :2].mean(axis=0)

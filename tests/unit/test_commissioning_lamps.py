@@ -7,7 +7,7 @@ import pytest
 
 from controller.cell.commissioning.steps.light import lights_of, panel_mask, surfaces_of
 from controller.commissioning.lamps import (
-    Light,
+    PatternLamp,
     TooFewSamplesError,
     assign,
     evenness,
@@ -31,11 +31,13 @@ def patterns() -> dict[str, np.ndarray]:
 def test_a_lamp_straight_above_lights_a_point_as_cosine_and_square_have_it() -> None:
     table, _ = surfaces_of(CELL)
     # 1 m over the table, under the middle of the overhead picture, and 0.5 m beside it
-    above = expected_pattern(Light("a", np.array([[360.0, 0.0, 1000.0]])), (table,))
-    high = expected_pattern(Light("b", np.array([[360.0, 0.0, 2000.0]])), (table,))
+    above = expected_pattern(PatternLamp("a", np.array([[360.0, 0.0, 1000.0]])), (table,))
+    high = expected_pattern(PatternLamp("b", np.array([[360.0, 0.0, 2000.0]])), (table,))
     # near the middle the light falls to a quarter at twice the height; fields are up to 0.2 m off
     assert above.max() / high.max() == pytest.approx(4.0, rel=0.1)
-    assert (expected_pattern(Light("c", np.array([[360.0, 0.0, -50.0]])), (table,)) == 0).all()
+    assert (
+        expected_pattern(PatternLamp("c", np.array([[360.0, 0.0, -50.0]])), (table,)) == 0
+    ).all()
 
 
 def test_every_lamp_is_told_from_the_others_in_noise_and_partial_shadow() -> None:

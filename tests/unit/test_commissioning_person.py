@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.cell.commissioning import EmulatedPerson, Errand, Evidence, Person
+from controller.cell.commissioning import EmulatedPerson, Errand, Person, StepEvidence
 from controller.cell.errors import CellError
 
 ERRAND = Errand(
@@ -32,7 +32,7 @@ async def served(socket: Path, replies: list[dict[str, object]], errand: Errand)
 
     server = await asyncio.start_unix_server(serve, str(socket))
     async with server:
-        evidence = Evidence(socket.parent, lambda text: None)
+        evidence = StepEvidence(socket.parent, lambda text: None)
         helper = EmulatedPerson(socket)
         await Person(helper, evidence, helper).have_done(errand)
     assert [(one.text, one.choice, one.who) for one in evidence.answers] == [

@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 
 from controller.commissioning.procedure import (
-    Figure,
-    Folder,
-    Outcome,
-    Standing,
-    Status,
+    CommissioningFolder,
+    StepEnd,
+    StepFigure,
     StepPlan,
     StepRecord,
+    StepStanding,
+    StepStatus,
     calibrated_text,
     cell_digest,
     standings,
@@ -35,7 +35,7 @@ PLANS = (StepPlan("first", (), 30), StepPlan("second", ("first",), None))
 def record(step: str, at: datetime, **more: Any) -> StepRecord:
     fields: dict[str, Any] = {
         "step": step,
-        "outcome": Outcome.PASSED,
+        "outcome": StepEnd.PASSED,
         "began": at - timedelta(minutes=1),
         "ended": at,
         "cell_digest": DIGEST,
@@ -43,7 +43,7 @@ def record(step: str, at: datetime, **more: Any) -> StepRecord:
     return StepRecord(**(fields | more))
 
 
-def of(*records: StepRecord, digest: str = DIGEST, **hashes: str) -> dict[str, Standing]:
+def of(*records: StepRecord, digest: str = DIGEST, **hashes: str) -> dict[str, StepStanding]:
     found = standings(PLANS, {one.step: one for one in records}, NOW, digest, hashes)  # type: ignore[arg-type]
     return {one.step: one for one in found}
 
@@ -51,57 +51,57 @@ def of(*records: StepRecord, digest: str = DIGEST, **hashes: str) -> dict[str, S
 def test_steps_that_passed_in_order_are_done() -> None:
     first = record("first", NOW - timedelta(days=2))
     found = of(first, record("second", NOW - timedelta(days=1)))
-    assert [one.status for one in found.values()] == [Status.DONE, Status.DONE]
+    assert [one.status for one in found.values()] == [StepStatus.DONE, StepStatus.DONE]
 
 
 def test_a_step_without_a_record_is_not_done() -> None:
-    assert of()["first"] == Standing("first", Status.NOT_DONE, "never begun")
+    assert of()["first"] == StepStanding("first", StepStatus.NOT_DONE, "never begun")
 
 
 @pytest.mark.parametrize(
-    ("outcome", "status"), [("failed", Status.FAILED), ("broken off", Status.NOT_DONE)]
+    ("outcome", "status"), [("failed", StepStatus.FAILED), ("broken off", StepStatus.NOT_DONE)]
 )
-def test_a_step_that_did_not_pass_names_why(outcome: str, status: Status) -> None:
+def test_a_step_that_did_not_pass_names_why(outcome: str, status: StepStatus) -> None:
     found = of(record("first", NOW, outcome=outcome, message="no board in sight"))["first"]
     assert found.status is status
     assert "no board in sight" in found.reason
 
 
 def test_a_step_is_stale_by_age_to_the_day() -> None:
-    assert of(record("first", NOW - timedelta(days=30)))["first"].status is Status.DONE
+    assert of(record("first", NOW - timedelta(days=30)))["first"].status is StepStatus.DONE
     old = of(record("first", NOW - timedelta(days=30, seconds=1)))["first"]
-    assert (old.status, "older than 30 days" in old.reason) == (Status.STALE, True)
+    assert (old.status, "older than 30 days" in old.reason) == (StepStatus.STALE, True)
 
 
 def test_another_cell_in_the_file_makes_every_step_stale() -> None:
     found = of(record("first", NOW), digest=OTHER)["first"]
-    assert found.status is Status.STALE
+    assert found.status is StepStatus.STALE
     assert "cell file" in found.reason
 
 
 def test_a_calibration_that_was_used_and_is_another_one_now_makes_a_step_stale() -> None:
     used = record("first", NOW, based_on={"lamps": DIGEST})
-    assert of(used, lamps=DIGEST)["first"].status is Status.DONE
+    assert of(used, lamps=DIGEST)["first"].status is StepStatus.DONE
     assert "is another one" in of(used, lamps=OTHER)["first"].reason
     assert "is gone" in of(used)["first"].reason
 
 
 def test_a_step_whose_need_was_repeated_after_it_is_stale() -> None:
     found = of(record("first", NOW), record("second", NOW - timedelta(days=1)))["second"]
-    assert found.status is Status.STALE
+    assert found.status is StepStatus.STALE
     assert "repeated" in found.reason
 
 
 def test_a_step_whose_need_is_stale_is_stale() -> None:
     early = NOW - timedelta(days=40)
     found = of(record("first", early), record("second", NOW - timedelta(days=1)))
-    assert [one.status for one in found.values()] == [Status.STALE, Status.STALE]
+    assert [one.status for one in found.values()] == [StepStatus.STALE, StepStatus.STALE]
 
 
 def test_only_figures_outside_their_limits_are_named() -> None:
-    low = Figure(name="a", value=1.0, low=2.0)
-    high = Figure(name="b", value=3.0, unit="mm", high=2.0)
-    free, edge = Figure(name="c", value=9.0), Figure(name="d", value=2.0, low=2.0, high=2.0)
+    low = StepFigure(name="a", value=1.0, low=2.0)
+    high = StepFigure(name="b", value=3.0, unit="mm", high=2.0)
+    free, edge = StepFigure(name="c", value=9.0), StepFigure(name="d", value=2.0, low=2.0, high=2.0)
     assert worst_of((low, high, free, edge)) == (low, high)
     assert high.words == "b: 3 mm (at most 2 allowed)"
 
@@ -161,7 +161,7 @@ def lamps(**channels: tuple[int, int]) -> LampsCalibration:
 
 
 def test_what_was_measured_is_in_the_cell_that_the_file_describes(tmp_path: Path) -> None:
-    folder = Folder(tmp_path)
+    folder = CommissioningFolder(tmp_path)
     swapped = lamps(table_ring=(2, 2), table_side=(1, 1))
     made = folder.keep(EMULATED_CELL, {"lamps": swapped})
     data = (tmp_path / "calibrations" / "lamps.json").read_bytes()
@@ -175,7 +175,7 @@ def test_what_was_measured_is_in_the_cell_that_the_file_describes(tmp_path: Path
 
 # ---- records -------------------------------------------------------------------------------------
 def test_a_broken_off_step_does_not_take_the_place_of_one_that_ended(tmp_path: Path) -> None:
-    folder = Folder(tmp_path)
+    folder = CommissioningFolder(tmp_path)
     done = record("first", NOW)
     folder.write_record(done)
     folder.write_record(record("first", NOW + timedelta(days=1), outcome="broken off"))
@@ -183,14 +183,14 @@ def test_a_broken_off_step_does_not_take_the_place_of_one_that_ended(tmp_path: P
 
 
 def test_the_first_try_that_was_broken_off_is_kept(tmp_path: Path) -> None:
-    folder = Folder(tmp_path)
+    folder = CommissioningFolder(tmp_path)
     folder.write_record(record("first", NOW, outcome="broken off", message="Ctrl-C"))
     assert folder.read_records(("first",))["first"].message == "Ctrl-C"
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"step": "second"}'])
 def test_a_damaged_record_is_named_with_what_to_do(tmp_path: Path, text: str) -> None:
-    folder = Folder(tmp_path)
+    folder = CommissioningFolder(tmp_path)
     path = folder.record_file("first")
     path.parent.mkdir()
     path.write_text(text)
@@ -199,5 +199,5 @@ def test_a_damaged_record_is_named_with_what_to_do(tmp_path: Path, text: str) ->
 
 
 def test_two_runs_in_one_second_have_folders_of_their_own(tmp_path: Path) -> None:
-    folder = Folder(tmp_path)
+    folder = CommissioningFolder(tmp_path)
     assert folder.begin_evidence("light", NOW) != folder.begin_evidence("light", NOW)

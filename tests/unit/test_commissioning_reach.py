@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from planning_cell import emulated_layout
 
-from controller.cell.commissioning.evidence import Evidence
+from controller.cell.commissioning.evidence import StepEvidence
 from controller.cell.commissioning.proof import ReachedPose, RecipeReach, check_reach
 from controller.cell.commissioning.steps.reach import judge
 from controller.cli.commissioning.guided import recipes_beside
@@ -71,7 +71,7 @@ def test_a_place_nearer_to_the_limits_than_is_uncertain_is_not_reached() -> None
 def test_a_recipe_is_held_to_what_it_requires(
     tmp_path: Path, pickable: float, covered: float | None, problems: tuple[str, ...], bad: int
 ) -> None:
-    evidence = Evidence(tmp_path, lambda text: None)
+    evidence = StepEvidence(tmp_path, lambda text: None)
     bench: Any = SimpleNamespace(evidence=evidence)
     found = RecipeReach((ReachedPose(2, 0.6, pickable, covered),), problems)
     judge(bench, Path("part.yaml"), found)

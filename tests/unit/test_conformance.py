@@ -15,7 +15,7 @@ import pytest
 
 from controller.conformance.families import FAMILIES
 from controller.conformance.requirement import READS, NotMetError, NotTriedError, timed
-from controller.conformance.suite import MET, NOT_MET, NOT_TRIED, Outcome, try_requirement
+from controller.conformance.suite import MET, NOT_MET, NOT_TRIED, RequirementResult, try_requirement
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, PositionLostError
 from drivers.kinds import (
@@ -57,11 +57,11 @@ def attempt(
     *,
     may_move: bool = True,
     may_act: bool = True,
-) -> Outcome:
+) -> RequirementResult:
     """Try one requirement on a device in memory, in virtual time."""
     clock = CellClock(monotonic=loop.time)
 
-    async def run() -> Outcome:
+    async def run() -> RequirementResult:
         bench = d.bench_of(kind, make, clock)
         bench.may_act = may_act
         (requirement,) = (one for one in FAMILIES[kind] if one.name == name)

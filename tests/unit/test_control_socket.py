@@ -42,7 +42,7 @@ from controller.cell.control.serving import (
 from controller.cell.control.serving import server as server_module
 from controller.cell.custody import Custody
 from controller.cell.devices.lock import LOCK_NAME, Holder, hold_cell, read_holder
-from controller.cell.machine import Decision, Event
+from controller.cell.machine import Event, MachineDecision
 from controller.cell.operator import Answer, Choice, Desk, Question
 from controller.cell.services import NextMotion
 from controller.config import load_cell
@@ -55,14 +55,16 @@ HOLDER = Holder("run-1", "me", "here", 1, "now", "")
 class Dispatching:
     """Takes every order as the test has it, and keeps it."""
 
-    def __init__(self, decision: Decision | None = None) -> None:
-        self.decision = decision or Decision("handled", "execute_grasping", "suspending_grasping")
+    def __init__(self, decision: MachineDecision | None = None) -> None:
+        self.decision = decision or MachineDecision(
+            "handled", "execute_grasping", "suspending_grasping"
+        )
         self.taken: list[tuple[Event, str, str]] = []
         self.state = "execute_grasping"
 
     async def command(
         self, event: Event, who: str, why: str = "", message: str = "", code: str = ""
-    ) -> Decision:
+    ) -> MachineDecision:
         self.taken.append((event, who, why))
         return self.decision
 
@@ -193,7 +195,7 @@ async def test_each_path_is_one_event(path: str, body: dict[str, str], event: Ev
 
 
 async def test_a_refusal_says_why_and_is_no_success() -> None:
-    refused = Decision("refused", "resetting", "resetting", reason="homing goes on")
+    refused = MachineDecision("refused", "resetting", "resetting", reason="homing goes on")
     status, reply = await ask(control_of(Dispatching(refused)), "POST", "/pause", {})
     assert (status, reply["reason"]) == (409, "homing goes on")
 

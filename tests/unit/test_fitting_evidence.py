@@ -17,11 +17,11 @@ from controller.cad import stable_poses
 from controller.imaging import PointLamp
 from controller.recognition.fitting import (
     EdgeFit,
-    EdgePoints,
     Evidence,
     FitOptions,
     GreyMeasure,
     ImageEdges,
+    ModelEdgePoints,
     OutlineMeasure,
     Shading,
     asked_of_each_lamp,
@@ -44,9 +44,9 @@ SIDE = PointLamp("side", np.array([[400.0, 350, 450]]))
 
 def edges_at(
     pixels: Array, normals: Array, *, lift: float = 0.0, on_outline: bool = True, jump: float = 0.0
-) -> EdgePoints:
+) -> ModelEdgePoints:
     n = len(pixels)
-    return EdgePoints(
+    return ModelEdgePoints(
         np.zeros((n, 3)),
         pixels,
         normals,
@@ -151,7 +151,7 @@ def step_at(column: int, bright: int) -> Grey:
     return image
 
 
-def down_column(column: float) -> EdgePoints:
+def down_column(column: float) -> ModelEdgePoints:
     rows = np.arange(10.0, 50.0)
     pixels = np.column_stack([np.full(len(rows), column), rows])
     return edges_at(pixels, np.tile([1.0, 0.0], (len(rows), 1)))
@@ -184,7 +184,7 @@ def test_an_edge_is_sharp_where_brightness_changes_within_some_pixels() -> None:
     assert len(measure.are_sharp(np.zeros((0, 2)), np.zeros((0, 2)))) == 0
 
 
-def under_lamps(lamps: tuple[Grey, ...], edges: EdgePoints) -> Evidence:
+def under_lamps(lamps: tuple[Grey, ...], edges: ModelEdgePoints) -> Evidence:
     brightest = np.max(lamps, axis=0)
     measure = GreyMeasure(brightest, (0, 0), is_lit=True, others=lamps)
     strong = ImageEdges.of(measure, np.ones(brightest.shape, dtype=np.bool_))

@@ -16,7 +16,7 @@ from controller.cad import LineView, Solid, camera_view, load_solid, outline, st
 from controller.imaging import Camera, inverse_pose, transform
 from controller.recognition.fitting import (
     EdgeModel,
-    EdgePoints,
+    ModelEdgePoints,
     edge_model,
     predict_edges,
     predict_outline,
@@ -77,7 +77,7 @@ def check_outline(body: Solid, prepared: EdgeModel, T: Array) -> None:
     assert_normals_point_away(edges, view)
 
 
-def assert_normals_point_away(edges: EdgePoints, view: LineView) -> None:
+def assert_normals_point_away(edges: ModelEdgePoints, view: LineView) -> None:
     assert np.linalg.norm(edges.normals, axis=1) == pytest.approx(1.0)
     corners = cKDTree(np.concatenate([loop.points for loop in view.loops]))
     on = edges.on_outline

@@ -24,7 +24,7 @@ from controller.commissioning.kinematics import (
     tcp_poses,
     tcp_uncertainty,
 )
-from controller.commissioning.kinematics.layout import Layout
+from controller.commissioning.kinematics.layout import UnknownsLayout
 from controller.commissioning.target import BoardSection
 from drivers.umi_scara import ArmGeometry, UmiFigures
 
@@ -62,7 +62,7 @@ def test_derivatives_are_those_of_the_residuals() -> None:
     cell = cells.true_cell(2)
     pictures = cells.pictures(cell, per_camera=2, seed=2)
     middle = pictures[-1].taken_s - 0.5
-    layout = Layout(cells.prior(), {"inspection": (middle, np.full(6, 0.01))})
+    layout = UnknownsLayout(cells.prior(), {"inspection": (middle, np.full(6, 0.01))})
     x = 0.5 * layout.std * np.random.default_rng(3).standard_normal(layout.size)
     found = layout.evaluate(x, pictures)
     for i in range(layout.size):

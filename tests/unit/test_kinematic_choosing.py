@@ -8,22 +8,22 @@ import pytest
 
 from controller.commissioning.kinematics import (
     BoardPicture,
-    Candidate,
+    PoseCandidate,
     calibrate_cell,
     choose,
     predicted_picture,
 )
-from controller.commissioning.kinematics.layout import Layout
+from controller.commissioning.kinematics.layout import UnknownsLayout
 
 CORNERS = {name: cells.grid(cells.SIDE, cells.SIDE, cells.SQUARE_MM) for name in ("front", "back")}
 COUNT = 16
 
 
 @pytest.fixture(scope="module")
-def candidates() -> list[Candidate]:
+def candidates() -> list[PoseCandidate]:
     rng = np.random.default_rng(11)
     return [
-        Candidate(camera, face, "grasp0", q)
+        PoseCandidate(camera, face, "grasp0", q)
         for camera in ("overhead", "inspection")
         for q, face in cells.in_sight(camera, rng, 40)
     ]
@@ -33,7 +33,7 @@ def lying(cell: cells.TrueCell) -> list[BoardPicture]:
     return [cell.lying(f"flat{i}", *cells.PLACED[i]) for i in range(4)]
 
 
-def cov_of(prior: object, cell: cells.TrueCell, taken: list[Candidate]) -> np.ndarray:
+def cov_of(prior: object, cell: cells.TrueCell, taken: list[PoseCandidate]) -> np.ndarray:
     """What the calibration itself states for these configurations, in units of the prior."""
     shown = [
         cell.held(str(i), c.camera, c.face, c.grasp, c.q, float(i)) for i, c in enumerate(taken)
@@ -43,7 +43,9 @@ def cov_of(prior: object, cell: cells.TrueCell, taken: list[Candidate]) -> np.nd
     return out
 
 
-def test_a_choice_beats_chance_and_states_what_the_fit_will(candidates: list[Candidate]) -> None:
+def test_a_choice_beats_chance_and_states_what_the_fit_will(
+    candidates: list[PoseCandidate],
+) -> None:
     prior, cell = cells.prior(), cells.true_cell(21)
     choice = choose(prior, candidates, CORNERS, COUNT, on_table=lying(cell), noise_px=cell.noise_px)
     assert len(set(choice.indices)) == COUNT
@@ -55,13 +57,13 @@ def test_a_choice_beats_chance_and_states_what_the_fit_will(candidates: list[Can
     ]
     by_chance = np.mean([np.linalg.slogdet(one)[1] for one in drawn])
     assert np.linalg.slogdet(chosen)[1] < by_chance
-    layout = Layout(prior)
+    layout = UnknownsLayout(prior)
     stated = choice.std / layout.std
     # the cell is not the drawing's, and its joints' noise is measured anew
     assert np.median(np.abs(np.log(stated / np.sqrt(np.diag(chosen))))) < 0.3
 
 
-def test_gains_only_fall_and_both_cameras_are_looked_at(candidates: list[Candidate]) -> None:
+def test_gains_only_fall_and_both_cameras_are_looked_at(candidates: list[PoseCandidate]) -> None:
     cell = cells.true_cell(22)
     choice = choose(cells.prior(), candidates, CORNERS, COUNT, on_table=lying(cell))
     assert all(b <= a + 1e-9 for a, b in zip(choice.gain, choice.gain[1:], strict=False))
@@ -69,11 +71,11 @@ def test_gains_only_fall_and_both_cameras_are_looked_at(candidates: list[Candida
     assert {candidates[i].face for i in choice.indices} == {"front", "back"}
 
 
-def test_what_shows_no_board_is_never_chosen(candidates: list[Candidate]) -> None:
-    away = Candidate("overhead", "front", "grasp0", np.array([1.3, 0.2, 0, -100.0, 0, 0]))
+def test_what_shows_no_board_is_never_chosen(candidates: list[PoseCandidate]) -> None:
+    away = PoseCandidate("overhead", "front", "grasp0", np.array([1.3, 0.2, 0, -100.0, 0, 0]))
     other = {"front": "back", "back": "front"}
-    behind = [Candidate(c.camera, other[c.face], c.grasp, c.q) for c in candidates[:5]]
-    layout = Layout(cells.prior())
+    behind = [PoseCandidate(c.camera, other[c.face], c.grasp, c.q) for c in candidates[:5]]
+    layout = UnknownsLayout(cells.prior())
     x = np.zeros(layout.size)
     assert predicted_picture(layout, x, away, CORNERS["front"]) is None
     for one in behind:
@@ -85,4 +87,4 @@ def test_what_shows_no_board_is_never_chosen(candidates: list[Candidate]) -> Non
 def test_no_candidate_gives_an_empty_choice() -> None:
     choice = choose(cells.prior(), [], CORNERS, 5)
     assert choice.indices == ()
-    np.testing.assert_allclose(choice.std, Layout(cells.prior()).std)
+    np.testing.assert_allclose(choice.std, UnknownsLayout(cells.prior()).std)

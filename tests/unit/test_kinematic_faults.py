@@ -10,7 +10,7 @@ import pytest
 
 from controller.commissioning.kinematics import (
     BoardPicture,
-    Fault,
+    KinematicsFault,
     Play,
     calibrate_and_prove,
     calibrate_cell,
@@ -20,7 +20,7 @@ from controller.commissioning.kinematics import (
 COUNT = 12  # pictures of the plate per camera
 
 
-def faults(pictures: list[BoardPicture], **others: object) -> tuple[Fault, ...]:
+def faults(pictures: list[BoardPicture], **others: object) -> tuple[KinematicsFault, ...]:
     prior = cells.prior()
     return find_faults(prior, pictures, calibrate_cell(prior, pictures), **others)  # type: ignore[arg-type]
 

@@ -10,8 +10,8 @@ import pytest
 
 from controller.commissioning.kinematics import (
     KinematicsError,
-    Layout,
     StopPicture,
+    UnknownsLayout,
     measure_homing,
     measure_play,
 )
@@ -43,7 +43,7 @@ def where(count: int, seed: int) -> list[tuple[np.ndarray, str]]:
 @pytest.mark.parametrize("seed", [31, 32])
 def test_the_play_of_each_motor_is_found_before_the_cell_is_known(seed: int) -> None:
     cell = cells.true_cell(seed)
-    layout = Layout(cells.prior())
+    layout = UnknownsLayout(cells.prior())
     found = measure_play(
         layout,
         np.zeros(layout.size),
@@ -60,7 +60,7 @@ def test_a_degree_of_play_is_far_from_what_gears_have() -> None:
     play = cell.arm.play_rad.copy()
     play[2] = np.radians(1.0)
     cell = replace(cell, arm=replace(cell.arm, play_rad=play))
-    layout = Layout(cells.prior())
+    layout = UnknownsLayout(cells.prior())
     found = measure_play(
         layout,
         np.zeros(layout.size),
@@ -74,7 +74,7 @@ def test_a_degree_of_play_is_far_from_what_gears_have() -> None:
 def test_a_motor_that_only_came_from_one_side_is_named() -> None:
     cell = cells.true_cell(34)
     stops = [s for s in stops_of(cell, where(2, 34)) if "elbow" not in s.above]
-    layout = Layout(cells.prior())
+    layout = UnknownsLayout(cells.prior())
     with pytest.raises(KinematicsError, match="both sides of elbow"):
         measure_play(layout, np.zeros(layout.size), stops, layout.prior.arm.motors)  # type: ignore[attr-defined]
 
@@ -114,7 +114,7 @@ def homed(cell: cells.TrueCell, std: np.ndarray, count: int) -> tuple[list[StopP
 
 def test_homing_that_scatters_is_seen_joint_by_joint() -> None:
     cell = cells.true_cell(35, joint_std=np.zeros(6))
-    layout = Layout(cells.prior())
+    layout = UnknownsLayout(cells.prior())
     x = np.zeros(layout.size)
     none = measure_homing(layout, x, *homed(cell, np.zeros(6), 6))
     std = np.radians([0.05, 0, 0, 0, 0, 0])
@@ -130,6 +130,6 @@ def test_homing_that_scatters_is_seen_joint_by_joint() -> None:
 
 def test_two_homings_are_too_few() -> None:
     cell = cells.true_cell(36)
-    layout = Layout(cells.prior())
+    layout = UnknownsLayout(cells.prior())
     with pytest.raises(KinematicsError, match="2 homings"):
         measure_homing(layout, np.zeros(layout.size), *homed(cell, np.zeros(6), 2))

@@ -13,7 +13,7 @@ from table_pictures import SIZE
 
 from controller.cli import main
 from controller.recognition import recognise
-from controller.recognition.fitting import EdgePoints, GreyMeasure
+from controller.recognition.fitting import GreyMeasure, ModelEdgePoints
 from controller.recognition.segmentation import brightest_of, segment
 
 
@@ -76,7 +76,7 @@ def test_an_edge_that_one_lamp_shows_is_found() -> None:
     at = np.column_stack([np.full(20, 39.5), np.linspace(20.0, 60.0, 20)])
     across = np.tile([1.0, 0.0], (20, 1))
     nothing = np.zeros(20)
-    edges = EdgePoints(np.zeros((20, 3)), at, across, nothing > 0, nothing, nothing + 9.0, 0.5)
+    edges = ModelEdgePoints(np.zeros((20, 3)), at, across, nothing > 0, nothing, nothing + 9.0, 0.5)
     without = GreyMeasure(blank, (0, 0), is_lit=True)
     together = GreyMeasure(blank, (0, 0), is_lit=True, others=[blank, edged])
     assert np.isnan(without.gaps(at, across, edges, 3.0).gap_px).all()

@@ -19,7 +19,7 @@ from controller.cell.compute import Compute, Job
 from controller.cell.compute.job import context
 from controller.cell.journal import rows
 from controller.cell.recovery import Interrupted
-from controller.cell.services import PartFile
+from controller.cell.services import PartFileWriter
 from controller.cell.services.records import PartRecord
 from controller.cli import main
 from controller.cli.running.accepting import recipe_of
@@ -138,7 +138,7 @@ def test_a_run_keeps_a_copy_with_its_hash_and_notes_the_file_itself(
 def test_the_views_of_a_part_name_the_runs_own_copy(recipe: Path, tmp_path: Path) -> None:
     cell, found = load_cell(EMULATED_CELL), load_recipe(recipe)
     compute = Compute(Job(recipe, EMULATED_CELL), None)  # type: ignore[arg-type]  # not asked
-    part_file = PartFile(cell, build_layout(cell), tmp_path)
+    part_file = PartFileWriter(cell, build_layout(cell), tmp_path)
     text = part_file.text(PartRecord(number=1), product_of(compute, found, cell), ())
     assert json.loads(text)["learned"] == "inputs/good.learned"
 

@@ -24,11 +24,11 @@ from controller.cad import (
 from controller.cad.compiled import CompiledPart, compile_solid
 from controller.imaging import Camera
 from controller.recognition.library import (
+    CameraPlace,
     Candidate,
     Library,
     PartViews,
     Silhouette,
-    Station,
     ViewIndex,
     make_entry,
     make_library,
@@ -239,7 +239,7 @@ def test_a_flat_part_needs_one_view_and_a_tall_one_rings_of_them() -> None:
 
     assert count("disc", 10.0) == 1 + 8  # 10 mm are 2.2 mm of shift in the corner, of 40: 5.5 %
     assert count("square_bar", 70.0) == 1 + 8 + 16
-    low = Station(eye_mm=2000.0, reach_mm=150.0)
+    low = CameraPlace(eye_mm=2000.0, reach_mm=150.0)
     assert len(view_part(solid("disc"), poses("disc")[:1], model("disc").caster, low).pose) == 1
 
 
@@ -249,10 +249,10 @@ def test_a_part_as_tall_as_the_camera_is_refused() -> None:
             solid("square_bar"),
             tuple(p for p in poses("square_bar") if p.com_height_mm > 30),
             model("square_bar").caster,
-            Station(75.0, 30.0),
+            CameraPlace(75.0, 30.0),
         )
     with pytest.raises(CadError, match="use another camera or a smaller part"):
-        make_entry(compiled("elbow"), Station(10.0, 30.0))
+        make_entry(compiled("elbow"), CameraPlace(10.0, 30.0))
 
 
 # --- turns --------------------------------------------------------------------------------------

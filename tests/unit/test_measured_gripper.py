@@ -9,12 +9,12 @@ from typing import Any, cast
 import pytest
 
 from controller.cell.devices import DeviceBuilder, resolve
-from controller.cell.devices.measured_gripper import MeasuredGripper, Openings
+from controller.cell.devices.measured_gripper import MeasuredGripper, OpeningScale
 from controller.config import EMULATED_CELL, load_cell
 from drivers.clock import CellClock
 from drivers.kinds import FixedGripper, Hold
 
-OPENINGS = Openings(zero_mm=0.6, scale=1.01)
+OPENINGS = OpeningScale(zero_mm=0.6, scale=1.01)
 
 
 @dataclass
@@ -53,7 +53,7 @@ class Device:
         return Hold.HELD
 
 
-def measured(device: Device, openings: Openings = OPENINGS) -> MeasuredGripper:
+def measured(device: Device, openings: OpeningScale = OPENINGS) -> MeasuredGripper:
     return MeasuredGripper(cast(FixedGripper, device), openings)
 
 
@@ -84,7 +84,7 @@ def test_it_is_sent_to_true_openings() -> None:
 
 
 def test_both_ends_of_the_stroke_are_within_it() -> None:
-    for openings in (OPENINGS, Openings(-0.6, 0.99)):
+    for openings in (OPENINGS, OpeningScale(-0.6, 0.99)):
         device = Device()
         gripper = measured(device, openings)
         run(gripper.open_to(gripper.max_opening_mm))

@@ -7,7 +7,7 @@ from planning_cell import emulated_layout
 
 from controller.planning import Box
 from controller.planning.motion import Scene, connect, path_free, tcp_pose
-from controller.planning.motion.segments import Ends, radii_mm, segment_free
+from controller.planning.motion.segments import PathEnds, radii_mm, segment_free
 from drivers.umi_scara.model.kinematics import within_limits
 
 LAYOUT = emulated_layout()
@@ -40,7 +40,7 @@ def dense(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def test_a_free_leg_is_free_at_every_state_on_and_off_the_line() -> None:
     found = []
     for a, b in segments(1, 24):
-        ends = Ends.of(LAYOUT, a, b)
+        ends = PathEnds.of(LAYOUT, a, b)
         found.append(segment_free(SCENE, a, b, ends))
         line = dense(a, b)
         if found[-1]:
@@ -59,7 +59,7 @@ def test_a_pin_thinner_than_the_steps_is_not_stepped_over() -> None:
     rng = np.random.default_rng(7)
     tried = 0
     for a, b in segments(2, 40):
-        ends = Ends.of(LAYOUT, a, b)
+        ends = PathEnds.of(LAYOUT, a, b)
         if not segment_free(SCENE, a, b, ends):
             continue
         at = tcp_pose(LAYOUT, a + rng.uniform(0.2, 0.8) * (b - a))[:3, 3]

@@ -31,11 +31,11 @@ from controller.cell.control import (
 from controller.cell.journal import JOURNAL_NAME, Journal, rows
 from controller.cell.operator.questions import question_for
 from controller.page import serving as serving_module
-from controller.page.frame.screens import RefusedError
+from controller.page.frame.screens import RequestRefusedError
 from controller.page.frame.words import cell_words, teller
 from controller.page.now import live as live_module
 from controller.page.now.starting import LAST_NAME, LOG_FOLDER, Launcher, StartBody
-from controller.page.security import Account, Role, Site
+from controller.page.security import Account, PageAddress, Role
 
 CHROMIUM = Path("/usr/bin/chromium")
 pytestmark = pytest.mark.skipif(not CHROMIUM.is_file(), reason="no Chromium at /usr/bin/chromium")
@@ -106,7 +106,7 @@ class Served:
             free.bind(("127.0.0.1", 0))
             port: int = free.getsockname()[1]
         self.origin = f"http://127.0.0.1:{port}"
-        page = bench(folder, Site.served("127.0.0.1", port, with_tls=False)).page
+        page = bench(folder, PageAddress.served("127.0.0.1", port, with_tls=False)).page
         page.accounts.put("vera", Role.VIEWER, PASSWORD)
         self.sessions = page.sessions
         made: list[live_module.Live] = []
@@ -290,7 +290,7 @@ def test_a_run_is_started_with_what_the_person_filled_in(
     async def start(_: Launcher, body: StartBody, who: str) -> None:
         begun.append((body, who))
         if len(begun) == 1:
-            raise RefusedError(409, "run <b>x</b> has the cell")
+            raise RequestRefusedError(409, "run <b>x</b> has the cell")
 
     monkeypatch.setattr(RunningCell, "status", nobody)
     monkeypatch.setattr(Launcher, "start", start)

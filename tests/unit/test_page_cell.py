@@ -22,7 +22,7 @@ from page_bench import CELL, HERE, RUN, Bench, bench, journal
 
 from controller.cell.devices.lock import hold_cell
 from controller.cell.journal import JOURNAL_NAME, rows
-from controller.commissioning.procedure import Outcome, StepRecord, cell_digest
+from controller.commissioning.procedure import StepEnd, StepRecord, cell_digest
 from controller.config import SHIPPED, Cell, load_cell, load_yaml
 from controller.config.calibrations import TraysCalibration, write_calibration
 from controller.page import cell as cell_screen
@@ -143,7 +143,7 @@ def test_steps_of_commissioning_and_their_evidence_are_listed_and_nothing_else(
             "began": NOW - timedelta(hours=1),
             "ended": NOW,
             "by": "Ada",
-            "outcome": Outcome.PASSED,
+            "outcome": StepEnd.PASSED,
             "cell_digest": cell_digest(cell),
             "evidence": str(made.relative_to(folder.path)),
         }

@@ -28,12 +28,12 @@ from controller.cell.devices.lock import hold_cell
 from controller.cell.journal import JOURNAL_NAME, newest_run, read_rows, read_rows_after, rows
 from controller.config import load_cell
 from controller.page import serving
-from controller.page.now.fold import Arm, HeldPart, RunFold
+from controller.page.now.fold import HeldPart, JournaledArm, RunFold
 from controller.page.now.fold import Path as ArmPath
 from controller.page.now.left import left_in_grippers
 from controller.page.now.live import APART, Live, TooManyWatchersError, light_of
 from controller.page.now.scene import CellScene
-from controller.page.security import Account, Role, Site
+from controller.page.security import Account, PageAddress, Role
 from controller.planning.motion import segment_seconds, tcp_pose
 from controller.setup.layout import build_layout
 
@@ -275,7 +275,7 @@ def test_the_arm_is_where_its_path_has_it(scene: CellScene) -> None:
     """Independent of the page: a joint line passes its ends, at the times of the timing model."""
     layout = scene.layout
     seconds = float(segment_seconds(layout, np.array(HERE), np.array(THERE)))
-    arm = Arm(HERE, ArmPath(HERE, (THERE,), 100.0))
+    arm = JournaledArm(HERE, ArmPath(HERE, (THERE,), 100.0))
     for elapsed_s, expected in ((0.0, HERE), (seconds, THERE), (seconds + 50.0, THERE)):
         found = scene.joints(arm, 100.0 + elapsed_s / 5.0, 5.0)
         assert found is not None
@@ -283,19 +283,21 @@ def test_the_arm_is_where_its_path_has_it(scene: CellScene) -> None:
     half = scene.joints(arm, 100.0 + seconds / 10.0, 5.0)
     assert half is not None
     np.testing.assert_allclose(half, (np.array(HERE) + np.array(THERE)) / 2, atol=1e-6)
-    assert scene.joints(Arm(), 0.0, 1.0) is None
+    assert scene.joints(JournaledArm(), 0.0, 1.0) is None
 
 
 def test_the_part_moves_with_the_gripper_and_stays_where_it_was_let_go(scene: CellScene) -> None:
     grasp = EYE  # the part's frame is the TCP's
     held = HeldPart(Custody.IN_ARM, 1, None, grasp)
-    T = scene.moment(Arm(HERE), held, 0.0, 1.0)["part"]
+    T = scene.moment(JournaledArm(HERE), held, 0.0, 1.0)["part"]
     np.testing.assert_allclose(
         np.array(T).reshape(4, 4), tcp_pose(scene.layout, np.array(HERE)), atol=1e-3
     )
     left = HeldPart(Custody.IN_FIXED, 1, None, None, let_go=(HERE, grasp))
-    np.testing.assert_allclose(scene.moment(Arm(THERE), left, 0.0, 1.0)["part"], T)
-    assert scene.moment(Arm(HERE), HeldPart(Custody.LOST, 1, EYE), 0.0, 1.0)["part"] is None
+    np.testing.assert_allclose(scene.moment(JournaledArm(THERE), left, 0.0, 1.0)["part"], T)
+    assert (
+        scene.moment(JournaledArm(HERE), HeldPart(Custody.LOST, 1, EYE), 0.0, 1.0)["part"] is None
+    )
 
 
 def test_a_motion_is_previewed_from_where_the_arm_stands_to_its_goal(scene: CellScene) -> None:
@@ -304,7 +306,7 @@ def test_a_motion_is_previewed_from_where_the_arm_stands_to_its_goal(scene: Cell
     assert motion is not None
     ends = [tcp_pose(scene.layout, np.array(q))[:3, 3] for q in (HERE, THERE)]
     np.testing.assert_allclose([motion["tcp"][0], motion["tcp"][-1]], ends, atol=0.1)
-    at_goal = scene.moment(Arm(THERE), held, 0.0, 1.0)
+    at_goal = scene.moment(JournaledArm(THERE), held, 0.0, 1.0)
     assert motion["stops"][-1] == {"T": at_goal["T"], "part": at_goal["part"]}
     stops = [stop["T"] for stop in motion["stops"]]
     assert len(stops) == 3
@@ -357,11 +359,11 @@ def test_the_scene_has_all_that_stands_and_moves(scene: CellScene) -> None:
     names = {box["name"] for box in standing["boxes"]}
     assert {"column", "fixture_post", "accept", "reject", "quarantine"} <= names
     assert [camera["name"] for camera in standing["cameras"]] == ["overhead", "inspection"]
-    moment = scene.moment(Arm(HERE), HeldPart(), 0.0, 1.0)
+    moment = scene.moment(JournaledArm(HERE), HeldPart(), 0.0, 1.0)
     assert len(moment["T"]) == len(standing["moving"])
     assert all(len(T) == 16 for T in moment["T"])
     assert moment["known"]
-    assert not scene.moment(Arm(), HeldPart(), 0.0, 1.0)["known"]
+    assert not scene.moment(JournaledArm(), HeldPart(), 0.0, 1.0)["known"]
     json.dumps([standing, moment], allow_nan=False)
 
 
@@ -623,7 +625,7 @@ def test_the_server_ends_quietly_while_browsers_look(
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port: int = free.getsockname()[1]
-    page = bench(tmp_path, Site.served("127.0.0.1", port, with_tls=False)).page
+    page = bench(tmp_path, PageAddress.served("127.0.0.1", port, with_tls=False)).page
     app = serving.build(tmp_path / "runs", tmp_path, page.site, page.accounts, page.sessions)
     listens = threading.Event()
     server = serving.server_of(app, serving.Serving("127.0.0.1", port), listens.set)

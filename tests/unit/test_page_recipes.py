@@ -22,11 +22,11 @@ from page_bench import ORIGIN, Bench, bench
 
 from controller.config import SHIPPED, ConfigError, load_recipe, yaml_tree
 from controller.page import recipes
-from controller.page.recipes.editing import Changes, NotAsShownError, drafted, save
+from controller.page.recipes.editing import NotAsShownError, RecipeChanges, drafted, save
 from controller.page.recipes.folder import RecipeFile, RecipeFolder, read_recipe
 from controller.page.recipes.noting import NAME
 from controller.page.recipes.shown import check_shown, mesh_shown, plan_shown
-from controller.page.recipes.taking import Stage, take
+from controller.page.recipes.taking import UploadStage, take
 from controller.page.security import Role
 from controller.page.work import Workshop
 
@@ -62,9 +62,9 @@ def own(path: Path) -> RecipeFile:
     return RecipeFile("project", path)
 
 
-def changes(path: Path, **more: Any) -> Changes:
+def changes(path: Path, **more: Any) -> RecipeChanges:
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return Changes.model_validate({"sha256": sha256, **more})
+    return RecipeChanges.model_validate({"sha256": sha256, **more})
 
 
 def test_a_folders_recipes_are_found_and_other_files_are_none(block: Path) -> None:
@@ -210,7 +210,7 @@ def test_a_recipe_that_comes_along_or_is_a_link_is_not_written_to(block: Path) -
 def test_a_file_that_was_sent_becomes_a_part_and_a_recipe(block: Path, tmp_path: Path) -> None:
     project = tmp_path / "project"
     project.mkdir()
-    stage = Stage()
+    stage = UploadStage()
     staged = stage.put("new part.stl", block.parent / "parts" / "block.stl")
     staged = staged.with_choice("inch", "")
     path = take(staged, project, "new")
@@ -236,7 +236,7 @@ def test_parts_are_not_put_into_a_folder_that_leads_out(block: Path, tmp_path: P
     project.mkdir()
     elsewhere.mkdir()
     (project / "parts").symlink_to(elsewhere)
-    staged = Stage().put("a.stl", block.parent / "parts" / "block.stl")
+    staged = UploadStage().put("a.stl", block.parent / "parts" / "block.stl")
     with pytest.raises(ConfigError, match="leads out"):
         take(staged, project, "new")
     assert list(elsewhere.iterdir()) == []

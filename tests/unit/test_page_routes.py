@@ -20,10 +20,20 @@ from starlette.routing import Route
 from starlette.testclient import TestClient
 
 from controller.page.app import SCREENS, build_app, build_screens
-from controller.page.frame import Act, Body, Frame, Look, Screen, Setting, Upload, Uploaded, Visit
+from controller.page.frame import (
+    GetRoute,
+    PageFrame,
+    PostBody,
+    PostRoute,
+    Screen,
+    Setting,
+    Upload,
+    Uploaded,
+    Visit,
+)
 from controller.page.frame.routing import routes_of
 from controller.page.now.live import Live
-from controller.page.security import Accounts, Role, Sessions, Site
+from controller.page.security import Accounts, PageAddress, Role, Sessions
 
 # Answered without a session: the way in and out, and the page's own files.
 OPEN = {
@@ -51,7 +61,7 @@ def every_route(tmp: Path) -> list[tuple[str, str]]:
 def declared() -> list[tuple[str, str, Role]]:
     screens = build_screens(Setting(Path("nowhere"), Path("nowhere")))
     return [
-        ("GET" if isinstance(one, Look) else "POST", screen.address(one.path), one.role)
+        ("GET" if isinstance(one, GetRoute) else "POST", screen.address(one.path), one.role)
         for screen in screens
         for one in screen.answers
     ]
@@ -150,7 +160,7 @@ def test_an_address_answers_its_own_method_alone(
 # A screen of the test's own: what the frame does for every screen.
 
 
-class NameBody(Body):
+class NameBody(PostBody):
     name: str = Field(max_length=10)
 
 
@@ -179,15 +189,15 @@ def small(tmp_path: Path) -> tuple[Small, Bench]:
     answers = Small()
     screen = Screen(
         "frame",  # the one package that is there and is no screen
-        "Frame",
+        "PageFrame",
         (
-            Look("look", answers.look),
-            Act("act", NameBody, answers.act, Role.OPERATOR),
+            GetRoute("look", answers.look),
+            PostRoute("act", NameBody, answers.act, Role.OPERATOR),
             Upload("file", LIMIT, frozenset({".stl", ".3mf"}), answers.take, Role.ENGINEER),
         ),
     )
-    page = Frame(
-        Site.served("127.0.0.1", 8470, with_tls=False),
+    page = PageFrame(
+        PageAddress.served("127.0.0.1", 8470, with_tls=False),
         Accounts(tmp_path / "accounts.json", CHEAP),
         Sessions(),
         (*build_screens(Setting(tmp_path, tmp_path)), screen),
@@ -301,7 +311,7 @@ def test_an_act_gets_its_body_and_who_does_it(small: tuple[Small, Bench]) -> Non
 
 def test_two_answers_at_one_address_are_a_mistake(small: tuple[Small, Bench]) -> None:
     answers, at = small
-    twice = Screen("frame", "Frame", (Look("a", answers.look), Look("a", answers.look)))
-    page = Frame(at.page.site, at.page.accounts, at.page.sessions, (twice,))
+    twice = Screen("frame", "PageFrame", (GetRoute("a", answers.look), GetRoute("a", answers.look)))
+    page = PageFrame(at.page.site, at.page.accounts, at.page.sessions, (twice,))
     with pytest.raises(ValueError, match="answered twice"):
         routes_of(page)

@@ -25,9 +25,9 @@ from controller.page import serving as serving_module
 from controller.page.security import (
     Accounts,
     AccountsError,
+    PageAddress,
     Role,
     Sessions,
-    Site,
     accounts_path,
 )
 from controller.page.security.guard import BODY_MAX_BYTES
@@ -352,7 +352,7 @@ def test_the_cookie_is_for_this_page_alone(at: Bench, tmp_path: Path) -> None:
     assert "httponly" in cookie
     assert "samesite=strict" in cookie
     assert "domain" not in cookie
-    behind = bench(tmp_path, Site.behind("https://cell.example"))
+    behind = bench(tmp_path, PageAddress.behind("https://cell.example"))
     token = behind.page.sessions.link(at_account("ada"))
     reply = behind.client.get(f"/enter?token={token}", headers={"Host": "cell.example"})
     cookie = reply.headers["set-cookie"]
@@ -562,7 +562,7 @@ def test_the_accounts_stand_in_the_users_folder(monkeypatch: pytest.MonkeyPatch)
 )
 def test_a_proxy_is_named_by_its_origin(origin: str) -> None:
     with pytest.raises(ValueError, match="is not like"):
-        Site.behind(origin)
+        PageAddress.behind(origin)
 
 
 @contextmanager
@@ -571,7 +571,7 @@ def served(folder: Path) -> Iterator[int]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port: int = free.getsockname()[1]
-    there = bench(folder, Site.served("127.0.0.1", port, with_tls=False))
+    there = bench(folder, PageAddress.served("127.0.0.1", port, with_tls=False))
     page = there.page
     app = serving_module.build(folder / "runs", folder, page.site, page.accounts, page.sessions)
     server = serving_module.server_of(app, serving_module.Serving("127.0.0.1", port))

@@ -25,7 +25,7 @@ from controller.cell.control import socket_path
 from controller.cell.devices.lock import hold_cell
 from controller.config import load_cell
 from controller.page.frame import Setting
-from controller.page.frame.screens import RefusedError
+from controller.page.frame.screens import RequestRefusedError
 from controller.page.frame.uploads import Uploaded
 from controller.page.now.starting import LAST_NAME, LOG_FOLDER, Launcher, StartBody
 from controller.page.security import Role
@@ -141,7 +141,7 @@ async def test_what_a_run_prints_and_how_it_ends_is_shown(
     facts = launcher.facts()
     assert facts is not None
     assert (facts["who"], facts["code"], facts["lines"]) == ("ada", None, ["checking"])
-    with pytest.raises(RefusedError, match="not ended"):
+    with pytest.raises(RequestRefusedError, match="not ended"):
         await launcher.start(body(), "bob")
     (project / "end").touch()
     until(lambda: (launcher.facts() or {})["code"] is not None)
@@ -203,7 +203,7 @@ async def test_a_preparation_is_cancelled_also_where_sigint_is_ignored(
     launcher: Launcher, project: Path, is_deaf: bool
 ) -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if is_deaf else None
-    with pytest.raises(RefusedError, match="being prepared"):
+    with pytest.raises(RequestRefusedError, match="being prepared"):
         await launcher.cancel()
     await launcher.start(body(), "ada")
     if before is not None:
@@ -212,7 +212,7 @@ async def test_a_preparation_is_cancelled_also_where_sigint_is_ignored(
     await launcher.cancel()
     until(lambda: (launcher.facts() or {})["code"] is not None)
     assert (launcher.facts() or {})["code"] == -signal.SIGTERM
-    with pytest.raises(RefusedError, match="being prepared"):
+    with pytest.raises(RequestRefusedError, match="being prepared"):
         await launcher.cancel()
 
 
@@ -222,7 +222,7 @@ async def test_nothing_is_started_while_somebody_has_the_cell(
     runs = project / "runs"
     with (
         hold_cell(runs, load_cell(CELL), "another run", socket_path(runs)),
-        pytest.raises(RefusedError, match="another run"),
+        pytest.raises(RequestRefusedError, match="another run"),
     ):
         await launcher.start(body(), "ada")
     assert launcher.facts() is None
@@ -244,7 +244,7 @@ async def test_nothing_is_started_while_somebody_has_the_cell(
 async def test_a_file_that_is_not_offered_is_not_started(
     launcher: Launcher, recipe: str, cell: str, why: str
 ) -> None:
-    with pytest.raises(RefusedError, match=why):
+    with pytest.raises(RequestRefusedError, match=why):
         await launcher.start(body(recipes=[{"recipe": recipe}], cell=cell), "ada")
     assert launcher.facts() is None
 
@@ -377,13 +377,13 @@ async def test_a_run_is_started_from_a_list_that_names_recipes_of_the_project_al
 async def test_a_list_that_names_anything_else_is_refused_and_not_kept(
     launcher: Launcher, project: Path, text: str, why: str
 ) -> None:
-    with pytest.raises(RefusedError, match=why):
+    with pytest.raises(RequestRefusedError, match=why):
         await launcher.keep_list(sent(project, text))
     assert list((project / "runs").rglob("*.csv")) == []
 
 
 async def test_a_list_that_was_not_sent_starts_nothing(launcher: Launcher) -> None:
-    with pytest.raises(RefusedError, match="send it again"):
+    with pytest.raises(RequestRefusedError, match="send it again"):
         await launcher.start(body(recipes=[], parts_list="0" * 16), "ada")
     assert launcher.facts() is None
 

@@ -23,7 +23,7 @@ from controller.cell.machine.recovery import Act, PartFault
 from controller.cell.machine.table import WORK
 from controller.cell.operator.questions import question_for
 from controller.cell.recovery.beside import back_evidence, why_not_back
-from controller.cell.recovery.classify import Leaves, Opens
+from controller.cell.recovery.classify import Opens, WayOut
 from controller.cell.recovery.homing import why_not_free
 from controller.cell.recovery.world import Jaws
 from controller.cell.services.trays import QUARANTINE, TRAYS
@@ -564,7 +564,7 @@ def everything_about_the_custody() -> Iterator[str]:
         yield from (known_words(held), known_words(replace(held, part=0, detail="")))
     for jaws in Jaws:
         yield f"the arm gripper's jaws {jaws.value}"
-    yield from (step for one in (Opens, Leaves) for step in map(str, one) if step)
+    yield from (step for one in (Opens, WayOut) for step in map(str, one) if step)
     yield why_not_free(None)
     yield why_not_free(Swept("zed goes up to its stop", "the arm itself", (1.0, -2.0, 3.0)))
     yield why_not_back(ProvenMove((), Swept("", "column", (1.0, -2.0, 3.0))))

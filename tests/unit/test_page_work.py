@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.page.work import NICENESS, BusyError, Work, Workshop, WorkState
+from controller.page.work import NICENESS, BusyError, ChildWork, Workshop, WorkState
 
 TALKS = """
 import json, sys
@@ -40,7 +40,7 @@ def program(text: str) -> Workshop:
     return Workshop((sys.executable, "-c", text))
 
 
-async def heard(work: Work) -> None:
+async def heard(work: ChildWork) -> None:
     while not work.messages:  # noqa: ASYNC110 - the child says so, in its own time
         await asyncio.sleep(0)
 

@@ -21,7 +21,7 @@ from controller.planning import Box
 from controller.planning.disambiguation import (
     DecidingView,
     DisambiguationRules,
-    Predicted,
+    PredictedPictures,
     Separations,
     apart,
     cheapest_tree,
@@ -96,7 +96,7 @@ def towards(direction: tuple[float, float, float]) -> np.ndarray:
     return max(plate_views().items(), key=lambda item: float(np.dot(item[0], direction)))[1]
 
 
-def look(hypotheses: list[HeldHypothesis], q: np.ndarray, step_px: int = 2) -> Predicted:
+def look(hypotheses: list[HeldHypothesis], q: np.ndarray, step_px: int = 2) -> PredictedPictures:
     models = [model_of(c) for c in hypotheses]
     seen = predict_view(hypotheses, models, LAYOUT, q, OPENING_MM, step_px, RULES)
     assert seen is not None
@@ -240,7 +240,7 @@ def test_pictures_of_a_part_held_a_little_off_leave_only_what_it_is(truth: int, 
     below = towards((0, 0, -1))
     light: Light = "front"
     seen = look([*trio, moved(trio[truth], seed)], below)
-    predicted = Predicted(seen.roi, seen.pictures[:3], seen.stance)
+    predicted = PredictedPictures(seen.roi, seen.pictures[:3], seen.stance)
     differs = compare(seen.pictures[3], predicted, light, (0, 1, 2))
     identify = discriminate(differs, apart(predicted, light), light, (0, 1, 2))
     assert identify.left == (truth,)
@@ -249,11 +249,11 @@ def test_pictures_of_a_part_held_a_little_off_leave_only_what_it_is(truth: int, 
 def test_a_picture_that_fits_nothing_leaves_nothing_and_one_from_above_leaves_both() -> None:
     pair = [held("plain"), held("holed")]
     seen = look([*pair, held("through")], towards((0, 0, -1)))
-    predicted = Predicted(seen.roi, seen.pictures[:2], seen.stance)
+    predicted = PredictedPictures(seen.roi, seen.pictures[:2], seen.stance)
     differs = compare(seen.pictures[2], predicted, "backlight", (0, 1))
     assert discriminate(differs, apart(predicted, "backlight"), "backlight", (0, 1)).left == ()
     seen = look([*pair, moved(pair[1], 3)], towards((0, 0, 1)))
-    predicted = Predicted(seen.roi, seen.pictures[:2], seen.stance)
+    predicted = PredictedPictures(seen.roi, seen.pictures[:2], seen.stance)
     differs = compare(seen.pictures[2], predicted, "front", (0, 1))
     identify = discriminate(differs, apart(predicted, "front"), "front", (0, 1))
     assert sorted(identify.left) == [0, 1]

@@ -23,7 +23,7 @@ from controller.planning import (
     resting_pose,
 )
 from controller.planning.geometry import Box, segments_hit
-from controller.planning.model import ShortFace
+from controller.planning.model import FaceToShowAgain
 from controller.planning.planner.prepare import without_short
 from controller.planning.views import (
     VisibilityRules,
@@ -228,7 +228,7 @@ def test_a_bore_that_a_grasp_left_unproven_is_open_from_other_grasps_only(
     prepared: PreparedPart,
 ) -> None:
     grasp = prepared.arm_grasps[0].id
-    left = without_short(prepared, [ShortFace(grasp, THROUGH)])
+    left = without_short(prepared, [FaceToShowAgain(grasp, THROUGH)])
     mine = prepared.openings.faces == THROUGH
     assert not left.shown_open[0][:, mine].any()
     assert (left.shown_open[0][:, ~mine] == prepared.shown_open[0][:, ~mine]).all()

@@ -15,6 +15,7 @@ from trimesh.ray.ray_triangle import RayMeshIntersector
 
 from controller.cad import StablePose, load_solid, make_solid, sample_surface, stable_poses
 from controller.planning import (
+    FaceToShowAgain,
     GiveStep,
     InArm,
     Look,
@@ -26,7 +27,6 @@ from controller.planning import (
     PreparedPart,
     Present,
     ReceiveStep,
-    ShortFace,
     plan_from,
     plan_part,
     prepare_part,
@@ -246,7 +246,7 @@ def test_a_face_that_came_short_from_a_grasp_is_shown_from_another_one(
     by_others = prepared.covered[others].any(axis=0)
     shares = {i: by_others[prepared.samples.face_ids == i].mean() for i in np.unique(faces)}
     face = max(shares, key=lambda i: (shares[i], (faces == i).sum()))
-    short = frozenset({ShortFace(held.id, int(face))})
+    short = frozenset({FaceToShowAgain(held.id, int(face))})
     again = plan_from(prepared, LAYOUT, start, seen=everything, short=short)
     first = next(k for k, step in enumerate(again.steps) if isinstance(step, ReceiveStep | Pick))
     showing = [isinstance(s, Present) and s.seen[faces == face].any() for s in again.steps]

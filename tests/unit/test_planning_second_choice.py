@@ -36,7 +36,7 @@ from controller.planning.model import NoMotionError
 from controller.planning.planner import planner, second_choice
 from controller.planning.planner.build import Build, Builder, RefutedError
 from controller.planning.planner.costs import EdgeCosts, view_seconds, worthwhile
-from controller.planning.search import Problem, Solution, solve
+from controller.planning.search import GraspSequence, Problem, solve
 from controller.planning.views import Counter, most_worth
 
 LAYOUT = emulated_layout()
@@ -181,7 +181,7 @@ def test_a_further_view_without_a_path_is_left_and_the_search_not_repeated(
             raise RefutedError(NoMotionError("no path"), views=[(g, refused)])
         show(self, build, g, views, end)
 
-    def counting(problem: Problem, **how: Any) -> Solution | None:
+    def counting(problem: Problem, **how: Any) -> GraspSequence | None:
         solved.append(problem)
         return solve(problem, **how)
 
@@ -207,7 +207,7 @@ def test_of_several_rows_the_one_that_adds_most_comes_first_down_to_what_is_wort
 
 def costs_of(
     prepared: PreparedPart, second: np.ndarray, regrasp_s: float
-) -> tuple[EdgeCosts, Solution]:
+) -> tuple[EdgeCosts, GraspSequence]:
     """Return costs of two grasps, each with one view, of which the second shows some samples."""
     count, bores = len(prepared.samples.points_mm), len(prepared.openings.faces)
     closed = np.zeros((1, bores), dtype=bool)

@@ -19,9 +19,9 @@ from controller.recognition import Hypothesis
 from controller.recognition.fitting import (
     EdgeFit,
     EdgeModel,
-    EdgePoints,
     Evidence,
     Gaps,
+    ModelEdgePoints,
     edge_model,
     predict_edges,
     predict_outline,
@@ -208,11 +208,11 @@ def lying_at(name: str, x: float = 8.0, y: float = -6.0, theta: float = 0.5) -> 
     return resting(solid(name), np.eye(3), x, y, theta)
 
 
-def drawing(name: str, T: Array, most: int = 600) -> EdgePoints:
+def drawing(name: str, T: Array, most: int = 600) -> ModelEdgePoints:
     return predict_edges(model(name), T, CAMERA, most)
 
 
-def outlined(prepared: EdgeModel, T: Array, most: int = 600) -> EdgePoints:
+def outlined(prepared: EdgeModel, T: Array, most: int = 600) -> ModelEdgePoints:
     return predict_outline(prepared, T, CAMERA, most)
 
 
@@ -305,7 +305,7 @@ def test_looking_the_same_is_mutual(
 # --- decisions ----------------------------------------------------------------------------------
 
 
-def hypothesis(edges: EdgePoints, T: Array, **more: Any) -> Hypothesis:
+def hypothesis(edges: ModelEdgePoints, T: Array, **more: Any) -> Hypothesis:
     n = len(edges.pixels)
     fit = EdgeFit(T, edges, Gaps(np.zeros(n), np.ones(n)), 0.05, np.diag([1e-4, 1e-4, 1e-6]))
     told: dict[str, Any] = {

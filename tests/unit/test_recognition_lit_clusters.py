@@ -24,7 +24,7 @@ from controller.recognition import Library, Sighting, make_library, recognise
 from controller.recognition.fitting import EdgeFit, Gaps, edge_model, predict_edges
 from controller.recognition.identification.decide import Decision
 from controller.recognition.identification.hypotheses import Hypothesis, SearchLimits
-from controller.recognition.identification.lit.choice import Place, chosen
+from controller.recognition.identification.lit.choice import ClusterPlace, chosen
 from controller.recognition.identification.lit.fits import LitCluster, LitFit
 from controller.recognition.identification.lit.parts import (
     held,
@@ -32,7 +32,7 @@ from controller.recognition.identification.lit.parts import (
     outlines_of,
     sure_beside_unknown,
 )
-from controller.recognition.identification.lit.search import Search, tipped
+from controller.recognition.identification.lit.search import ClusterSearch, tipped
 from controller.recognition.identification.recognise import Answers, each_once
 from controller.recognition.library import Candidate
 from controller.recognition.segmentation import Region, joined, near_ones
@@ -194,9 +194,9 @@ def reading(part: int, probability: float, x_mm: float = 0.0) -> Hypothesis:
     return cast(Hypothesis, SimpleNamespace(**found, **same))
 
 
-def place(*readings: Hypothesis) -> Place:
+def place(*readings: Hypothesis) -> ClusterPlace:
     decision = Decision(readings[0], readings[0].probability / len(readings), readings[1:], None)
-    return Place(cast(LitFit, None), (), decision, readings)
+    return ClusterPlace(cast(LitFit, None), (), decision, readings)
 
 
 def with_rare(*numbers: int) -> Library:
@@ -274,7 +274,9 @@ def test_what_looks_like_a_part_has_its_outline_in_its_place_and_another_has_not
     outlines = tuple(loop.reshape(-1, 2).astype(np.float64) for loop in loops)
     whole = (0, 0, width, height)
     seen = Region(whole, fit.shadow, outlines, False, float(fit.shadow.sum()), ())
-    search = Search(seen, [np.zeros((height, width), np.uint8)], CAMERA, library(), None, LIMITS)
+    search = ClusterSearch(
+        seen, [np.zeros((height, width), np.uint8)], CAMERA, library(), None, LIMITS
+    )
     found = [candidate for candidate, _ in search.like(seen)]
     assert {library().entries[one.part].name for one in found} == {"plate"}
     centre = T @ np.append(solid("plate").centroid_mm, 1.0)
@@ -359,7 +361,7 @@ def test_where_a_part_would_lean_on_nothing_what_explains_it_next_best_is_taken(
         worth=lambda fit: 2.0 if fit.leans else 1.0,
         hypothesis=hypothesis,
     )
-    search = cast(Search, stub)
+    search = cast(ClusterSearch, stub)
     places = chosen([level, tilted], search, library())
     assert [one.fit for one in places] == [tilted]
     fits, places = held([level, tilted], places, search, library())

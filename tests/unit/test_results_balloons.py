@@ -29,7 +29,7 @@ from controller.results.report.signed.balloons import (
     Callout,
     balloon_drawing,
 )
-from controller.results.report.signed.leaders import GAP_MM, PITCH_MM, Ring, arrange
+from controller.results.report.signed.leaders import GAP_MM, PITCH_MM, BalloonRing, arrange
 from controller.results.run import PartFold
 from tests.data_files import part_file
 from tests.unit import judged_bench as bench
@@ -142,7 +142,7 @@ def test_leaders_to_random_shapes_never_cross(seed: int) -> None:
     rings, targets = [], []
     sizes = rng.uniform(20, 90, size=(2, 2))
     for size in sizes:
-        rings.append(Ring.about(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size))
+        rings.append(BalloonRing.about(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size))
     room = sum(len(ring.slots) for ring in rings)
     for k in range(room):  # every slot is taken
         at = [rng.uniform(-1, 1, 2) * size for size in sizes]

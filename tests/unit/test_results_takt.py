@@ -11,7 +11,7 @@ import pytest
 from controller.cell.journal import JOURNAL_NAME, Body, Journal, rows
 from controller.cli.app import main
 from controller.results import ResultsError, load_run
-from controller.results.takt import Use, grouped, run_takt, takt_json, takt_line, takts_of
+from controller.results.takt import TimeUse, grouped, run_takt, takt_json, takt_line, takts_of
 
 
 def moved(event: str, source: str, target: str) -> rows.CellEvent:
@@ -90,19 +90,19 @@ def test_each_use_gets_its_seconds_and_together_they_are_the_whole_run(tmp_path:
     (part,) = run.parts
     assert {use: s for use, s in part.seconds.items() if s} == pytest.approx(
         {
-            Use.TABLE_PICTURES: 2.0,
-            Use.RECOGNITION: 0.7,
-            Use.PLANNING: 3.3,
-            Use.MOVING: 14.0,
-            Use.JAWS: 3.0,
-            Use.SHOWING: 2.0,
-            Use.EVALUATION: 6.0,
-            Use.REST: 0.25,
+            TimeUse.TABLE_PICTURES: 2.0,
+            TimeUse.RECOGNITION: 0.7,
+            TimeUse.PLANNING: 3.3,
+            TimeUse.MOVING: 14.0,
+            TimeUse.JAWS: 3.0,
+            TimeUse.SHOWING: 2.0,
+            TimeUse.EVALUATION: 6.0,
+            TimeUse.REST: 0.25,
         }
     )
     assert part.is_done
     assert part.forecast_s == 31.0
-    assert {use: s for use, s in run.around.seconds.items() if s} == {Use.HOMING: 20.0}
+    assert {use: s for use, s in run.around.seconds.items() if s} == {TimeUse.HOMING: 20.0}
     assert part.total_s + run.around.total_s == pytest.approx(51.25)
     # Execute begins with the start and ends with the part in its tray
     assert part.execute_s == pytest.approx(31.25)
@@ -125,8 +125,8 @@ def test_the_uses_add_up_whatever_rows_stand_between(tmp_path: Path) -> None:
 def test_the_arm_before_the_camera_without_pictures_waited_for_results(tmp_path: Path) -> None:
     skipped = [entry for entry in ONE_PART if not isinstance(entry[1], rows.ViewPicturesTaken)]
     (run,) = takts_of(write(tmp_path, skipped))
-    assert run.parts[0].seconds[Use.SHOWING] == 0.0
-    assert run.parts[0].seconds[Use.EVALUATION] == pytest.approx(8.0)
+    assert run.parts[0].seconds[TimeUse.SHOWING] == 0.0
+    assert run.parts[0].seconds[TimeUse.EVALUATION] == pytest.approx(8.0)
 
 
 def test_a_pause_and_a_question_are_nobody_elses_time(tmp_path: Path) -> None:
@@ -149,9 +149,9 @@ def test_a_pause_and_a_question_are_nobody_elses_time(tmp_path: Path) -> None:
     (part,) = run.parts
     assert not part.is_done
     # the arm moves until the pause has begun, and the path goes on after it
-    assert part.seconds[Use.MOVING] == pytest.approx(6.0)
-    assert part.seconds[Use.PAUSE] == pytest.approx(31.0)
-    assert part.seconds[Use.PERSON] == pytest.approx(19.0)
+    assert part.seconds[TimeUse.MOVING] == pytest.approx(6.0)
+    assert part.seconds[TimeUse.PAUSE] == pytest.approx(31.0)
+    assert part.seconds[TimeUse.PERSON] == pytest.approx(19.0)
     assert part.execute_s == pytest.approx(3.0 + 9.0)
     assert part.busy_s == pytest.approx(5.0)
 
@@ -165,9 +165,9 @@ def test_a_path_that_a_fault_cut_off_is_over(tmp_path: Path) -> None:
         (6.0, rows.AtRest(state="aborted")),
     ]
     (run,) = takts_of(write(tmp_path, timed))
-    assert run.parts[0].seconds[Use.MOVING] == pytest.approx(2.0)
-    assert run.parts[0].seconds[Use.PLANNING] == pytest.approx(3.0)
-    assert run.parts[0].seconds[Use.TABLE_PICTURES] == pytest.approx(1.0)
+    assert run.parts[0].seconds[TimeUse.MOVING] == pytest.approx(2.0)
+    assert run.parts[0].seconds[TimeUse.PLANNING] == pytest.approx(3.0)
+    assert run.parts[0].seconds[TimeUse.TABLE_PICTURES] == pytest.approx(1.0)
 
 
 def two_parts(folder: Path) -> Path:
@@ -183,10 +183,10 @@ def test_groups_hold_whole_parts_and_a_run_also_what_is_of_none(tmp_path: Path) 
     two_parts(tmp_path)
     runs = list(takts_of(tmp_path))
     assert [group.part_count for group in grouped(runs, "run")] == [1, 2]
-    assert [group.seconds[Use.HOMING] for group in grouped(runs, "run")] == [20.0, 20.0]
+    assert [group.seconds[TimeUse.HOMING] for group in grouped(runs, "run")] == [20.0, 20.0]
     (recipe,) = grouped(runs, "recipe")
     assert recipe.part_count == 3
-    assert recipe.seconds[Use.HOMING] == 0.0
+    assert recipe.seconds[TimeUse.HOMING] == 0.0
     assert recipe.part_s == pytest.approx(31.25)
     assert [group.name for group in grouped(runs, "lot")] == ["", "L7"]
     assert [group.part_count for group in grouped(runs, "part")] == [1, 1, 1]

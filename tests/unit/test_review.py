@@ -37,7 +37,7 @@ from controller.history import (
     open_store,
 )
 from controller.history.exporting import export
-from controller.history.reviewing import Decision, Rate, agreement, decide, one_part
+from controller.history.reviewing import PartDecision, Rate, agreement, decide, one_part
 from controller.inspection import Verdict
 from controller.results import judged_parts, load_run, report_json
 from controller.results.report import render
@@ -91,7 +91,7 @@ def store(runs: Path, written: Path) -> Any:
     made.close()
 
 
-ACCEPT = Decision("accept", "Ann", "a reflection")
+ACCEPT = PartDecision("accept", "Ann", "a reflection")
 
 
 def test_a_row_from_beside_is_in_the_chain_and_makes_no_writer_wait(runs: Path) -> None:
@@ -131,7 +131,7 @@ def test_what_a_person_adds_makes_an_old_run_neither_the_newest_nor_longer(
     store: Store, runs: Path
 ) -> None:
     before = load_run(runs, PASSED)
-    decide(store, runs, f"{PASSED}/1", Decision("reject", "Ann", "a scratch nobody saw"))
+    decide(store, runs, f"{PASSED}/1", PartDecision("reject", "Ann", "a scratch nobody saw"))
     after = load_run(runs, PASSED)
     assert newest_run(runs / JOURNAL_NAME) == OPEN
     assert load_run(runs).run_id == OPEN
@@ -159,8 +159,8 @@ def test_a_part_awaits_a_person_until_one_decides(store: Store, runs: Path) -> N
 def test_a_later_verdict_stands_in_place_of_an_earlier_one_which_stays(
     store: Store, runs: Path
 ) -> None:
-    first = Decision("accept", "Ann", "dust", {1: "false_alarm", 2: "false_alarm"})
-    second = Decision("reject", "Bob", "a dent", {1: "real"})
+    first = PartDecision("accept", "Ann", "dust", {1: "false_alarm", 2: "false_alarm"})
+    second = PartDecision("reject", "Bob", "a dent", {1: "real"})
     decide(store, runs, f"{FAILED}/1", first)
     part = decide(store, runs, f"{FAILED}/1", second)
     assert [(r["verdict"], r["who"], r["machine"], r["findings"]) for r in part["reviews"]] == [
@@ -178,18 +178,22 @@ def test_a_later_verdict_stands_in_place_of_an_earlier_one_which_stays(
 @pytest.mark.parametrize(
     ("word", "decision", "why"),
     [
-        ("SN7", Decision("maybe", "Ann", "x"), "one of accept, reject"),
-        ("SN7", Decision("accept", "Ann", "  "), "the reason needs"),
-        ("SN7", Decision("accept", "Ann", "x" * 1001), "the reason needs"),
-        ("SN7", Decision("accept", "", "x"), "the name needs"),
-        ("SN7", Decision("accept", "Ann", "x", {1: "real"}), "has no finding 1; it has none"),
-        (f"{FAILED}/1", Decision("accept", "Ann", "x", {3: "real"}), "has no finding 3"),
-        (f"{FAILED}/1", Decision("accept", "Ann", "x", {1: "so-so"}), "one of real, false_alarm"),
+        ("SN7", PartDecision("maybe", "Ann", "x"), "one of accept, reject"),
+        ("SN7", PartDecision("accept", "Ann", "  "), "the reason needs"),
+        ("SN7", PartDecision("accept", "Ann", "x" * 1001), "the reason needs"),
+        ("SN7", PartDecision("accept", "", "x"), "the name needs"),
+        ("SN7", PartDecision("accept", "Ann", "x", {1: "real"}), "has no finding 1; it has none"),
+        (f"{FAILED}/1", PartDecision("accept", "Ann", "x", {3: "real"}), "has no finding 3"),
+        (
+            f"{FAILED}/1",
+            PartDecision("accept", "Ann", "x", {1: "so-so"}),
+            "one of real, false_alarm",
+        ),
         (f"{OPEN}/9", ACCEPT, "no part"),
     ],
 )
 def test_a_verdict_that_makes_no_sense_is_refused_and_leaves_no_row(
-    store: Store, runs: Path, word: str, decision: Decision, why: str
+    store: Store, runs: Path, word: str, decision: PartDecision, why: str
 ) -> None:
     with pytest.raises(HistoryError, match=why):
         decide(store, runs, word, decision)
@@ -199,7 +203,7 @@ def test_a_verdict_that_makes_no_sense_is_refused_and_leaves_no_row(
 def test_whoever_has_not_seen_the_last_verdict_is_told(store: Store, runs: Path) -> None:
     decide(store, runs, "SN7", ACCEPT, seen=0)
     with pytest.raises(HistoryError, match="somebody decided meanwhile"):
-        decide(store, runs, "SN7", Decision("reject", "Bob", "x"), seen=0)
+        decide(store, runs, "SN7", PartDecision("reject", "Bob", "x"), seen=0)
     assert one_part(store, "SN7")["review"] == "accept"
 
 
@@ -241,7 +245,7 @@ def test_a_part_that_was_never_judged_is_not_reviewed(store: Store, runs: Path) 
 def test_reports_and_exports_have_the_verdict_beside_the_machines(
     store: Store, runs: Path, tmp_path: Path
 ) -> None:
-    decide(store, runs, f"{FAILED}/1", Decision("accept", "Ann", "=a dust", {1: "false_alarm"}))
+    decide(store, runs, f"{FAILED}/1", PartDecision("accept", "Ann", "=a dust", {1: "false_alarm"}))
     record = load_run(runs, FAILED)
     (part,) = report_json(record)["parts"]
     assert (part["verdict"], part["awaits_review"]) == ("fail", False)
@@ -308,9 +312,9 @@ def test_agreement_counts_by_kind_and_face_and_names_what_is_likely_false(
     fill(store, runs)
     words = {1: "false_alarm", 2: "real"}
     for i in range(7):
-        decide(store, runs, f"202604{10 + i}/1", Decision("accept", "Ann", "dust", words))
-    decide(store, runs, f"{FAILED}/1", Decision("reject", "Bob", "seen"))
-    decide(store, runs, f"{PASSED}/1", Decision("reject", "Bob", "a scratch nobody saw"))
+        decide(store, runs, f"202604{10 + i}/1", PartDecision("accept", "Ann", "dust", words))
+    decide(store, runs, f"{FAILED}/1", PartDecision("reject", "Bob", "seen"))
+    decide(store, runs, f"{PASSED}/1", PartDecision("reject", "Bob", "a scratch nobody saw"))
     found = agreement(store, Filters())
     by = {(one.kind, one.face): one for one in found.findings}
     missing = by["missing material", "F1 bore 8.0 mm"]
@@ -349,7 +353,7 @@ def test_findings_that_wait_are_named_where_their_kind_is_mostly_false(
     assert agreement(store, Filters()).likely == ()  # nobody has said anything yet
     for i in range(6):
         word = {1: "false_alarm"}
-        decide(store, runs, f"202605{10 + i}/1", Decision("accept", "Ann", "dust", word))
+        decide(store, runs, f"202605{10 + i}/1", PartDecision("accept", "Ann", "dust", word))
     (likely,) = agreement(store, Filters()).likely
     assert (likely.part, likely.number) == ("20260516-120000-000-featuretype/1", 1)
     assert likely.reviewed.false_alarms == Rate(6, 6)
@@ -454,7 +458,7 @@ def test_the_statistics_print_agreement_and_its_interval(
     assert main(["stats", "--review", *at]) == 0
     assert "no person has decided" in capsys.readouterr().out
     words = {1: "false_alarm", 2: "real"}
-    decide(store, runs, f"{FAILED}/1", Decision("accept", "Ann", "dust", words))
+    decide(store, runs, f"{FAILED}/1", PartDecision("accept", "Ann", "dust", words))
     assert main(["stats", "--review", *at]) == 0
     out = capsys.readouterr().out
     assert "3 to 100 %" in out  # 1 of 1: the lower end is 0.025

@@ -16,7 +16,7 @@ from controller.config import load_cell
 from controller.imaging import Camera, RayCaster
 from controller.results.review import FindingCrops, border_in
 from controller.results.review.place import place_drawing
-from controller.results.review.prediction import Predicted, Predictor
+from controller.results.review.prediction import PredictedPiece, Predictor
 from controller.results.run import FindingReport, ViewReport
 from controller.setup.optics import build_camera
 
@@ -63,7 +63,7 @@ def test_before_the_backlight_a_shadow_is_predicted(block: Solid, camera: Camera
     picture[y + 20 : y + 40, x + 30 : x + 60] = BRIGHT
     window = (x - 30, y - 30, x + w + 30, y + h + 30)
     found = Predictor(block, SETTINGS).predict(shown(), "station_backlight", picture, window)
-    assert isinstance(found, Predicted)
+    assert isinstance(found, PredictedPiece)
     assert found.known.all()
     x0, y0, x1, y1 = window
     assert np.abs(found.level[inside[y0:y1, x0:x1]] - DARK).max() < 1.0
@@ -96,7 +96,7 @@ def test_under_a_lamp_the_scale_is_found_in_spite_of_what_differs(
     cv2.circle(picture, (x - 20, y), 12, 20, -1)  # a stain
     window = (x - 60, y - 60, x + 60, y + 60)
     found = Predictor(block, SETTINGS).predict(shown(), "station_side", picture, window)
-    assert isinstance(found, Predicted)
+    assert isinstance(found, PredictedPiece)
     there = clean[y - 60 : y + 60, x - 60 : x + 60].astype(float)
     assert clean[on].min() + 10 < clean[on].max()  # the light falls off over the face
     assert np.abs(found.level - there).max() < 3.0

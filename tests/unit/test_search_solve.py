@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from controller.planning.search import (
     Effort,
+    GraspSequence,
     Problem,
-    Solution,
     greedy,
     live_grasps,
     needed_of,
@@ -109,7 +109,7 @@ def _cheapest_cover(problem: Problem, grasps: tuple[int, ...], needed: np.ndarra
     return cost.get((1 << len(wanted)) - 1, np.inf)
 
 
-def check_is_a_way(problem: Problem, solution: Solution) -> None:
+def check_is_a_way(problem: Problem, solution: GraspSequence) -> None:
     """What a solution says of itself, worked out again."""
     cost = problem.first_s[solution.grasps[0]] + problem.last_s[solution.grasps[-1]]
     for a, b in zip(solution.grasps[:-1], solution.grasps[1:], strict=True):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from planning_cell import emulated_layout
 
-from controller.commissioning.showing import TILT_RAD, Region, showing
+from controller.commissioning.showing import TILT_RAD, ShowingRegion, showing
 from controller.planning.geometry import Box
 from controller.planning.motion import Scene, tcp_pose
 
@@ -22,7 +22,7 @@ PLATE = Box.from_bounds(-25.0, 95.0, -5.0, 5.0, -45.0, 45.0)
 def test_the_board_is_in_the_picture_and_turned_to_the_camera(name: str) -> None:
     camera = getattr(LAYOUT, name)
     scene = Scene(LAYOUT, 14.0, LAYOUT.fixed_open_mm, carried=PLATE)
-    region = Region(600.0, 900.0)
+    region = ShowingRegion(600.0, 900.0)
     q = showing(
         LAYOUT,
         scene,

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from ruamel.yaml import YAML
 
-from controller.cell.commissioning.jogging import Taken
+from controller.cell.commissioning.jogging import TakenOver
 from controller.cli.commissioning.teaching import Teacher
 from controller.commissioning.procedure import taught_trays, with_values
 from controller.config import ConfigError, load_cell
@@ -38,7 +38,7 @@ class Desk:
 
     path: Path
 
-    def teach(self, what: str, taken: Taken) -> list[str]:
+    def teach(self, what: str, taken: TakenOver) -> list[str]:
         teacher = Teacher(self.path, load_cell(self.path), what, "a tester")
         teacher.check()
         assert teacher.why_not(taken) == ""
@@ -58,7 +58,7 @@ def desk(tmp_path: Path) -> Desk:
 
 
 def test_a_tray_goes_into_a_calibration_that_the_cell_file_names(desk: Desk) -> None:
-    difference = desk.teach("accept", Taken(Q, down_at(104.26, 387.0, 60.0)))
+    difference = desk.teach("accept", TakenOver(Q, down_at(104.26, 387.0, 60.0)))
     file = desk.path.parent / "calibrations" / "trays.json"
     tree = json.loads(file.read_text())
     assert tree["centres"] == {"accept": [104.3, 387.0]}
@@ -73,15 +73,15 @@ def test_a_tray_goes_into_a_calibration_that_the_cell_file_names(desk: Desk) -> 
 
 
 def test_a_second_tray_joins_the_first(desk: Desk) -> None:
-    desk.teach("accept", Taken(Q, down_at(104.0, 387.0, 60.0)))
-    desk.teach("reject", Taken(Q, down_at(-52.0, 401.0, 60.0)))
+    desk.teach("accept", TakenOver(Q, down_at(104.0, 387.0, 60.0)))
+    desk.teach("reject", TakenOver(Q, down_at(-52.0, 401.0, 60.0)))
     cell = load_cell(desk.path)
     assert (cell.trays.accept.centre, cell.trays.reject.centre) == ((104.0, 387.0), (-52.0, 401.0))
     assert desk.path.read_text().count("calibration:") == 1
 
 
 def test_the_park_takes_the_place_of_the_drawings_and_keeps_the_comment(desk: Desk) -> None:
-    desk.teach("park", Taken(Q, np.eye(4)))
+    desk.teach("park", TakenOver(Q, np.eye(4)))
     arm = YAML(typ="safe").load(desk.path)["arm"]
     assert arm["park_deg"] == {"shoulder": 70, "elbow": -5, "yaw": 0, "pitch": -90, "roll": 3}
     assert arm["park_zed_mm"] == -25
@@ -92,16 +92,16 @@ def test_the_park_takes_the_place_of_the_drawings_and_keeps_the_comment(desk: De
 
 
 def test_the_station_takes_the_tcps_position(desk: Desk) -> None:
-    desk.teach("station", Taken(Q, down_at(431.06, -2.0, 447.0)))
+    desk.teach("station", TakenOver(Q, down_at(431.06, -2.0, 447.0)))
     assert load_cell(desk.path).station.position == (431.1, -2.0, 447.0)
 
 
 def test_what_is_no_tray_is_not_taken(desk: Desk) -> None:
     teacher = Teacher(desk.path, load_cell(desk.path), "accept", "")
-    assert "drawn" in teacher.why_not(Taken(Q, down_at(300.0, 390.0, 60.0)))
+    assert "drawn" in teacher.why_not(TakenOver(Q, down_at(300.0, 390.0, 60.0)))
     level = down_at(100.0, 390.0, 60.0)
     level[:3, :3] = np.eye(3)
-    assert "off straight down" in teacher.why_not(Taken(Q, level))
+    assert "off straight down" in teacher.why_not(TakenOver(Q, level))
     assert desk.path.read_text() == TEXT
 
 

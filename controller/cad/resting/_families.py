@@ -82,7 +82,7 @@ class Roll:
     reach: IntArray
 
 
-class Curves:
+class CurvedRegions:
     """Curved regions of a hull, and the rest of a part on each."""
 
     def __init__(self, hull: Hull, strips: Strips) -> None:

@@ -15,7 +15,7 @@ from controller.arrays import FloatArray, Int32Array, IntArray
 from ..graph import distinct
 from ..solid import Solid
 from ._curves import find_strips, merge_hollows
-from ._families import Curves, Roll, RollingFamily
+from ._families import CurvedRegions, Roll, RollingFamily
 from ._hull import Hull, hull_of
 from ._rings import axes_of, with_rings
 from ._topple import Landscape, landscape_of
@@ -150,7 +150,7 @@ def find_resting(
     held = np.flatnonzero(land.probabilities > 0)
     held = held[np.argsort(-land.probabilities[held], kind="stable")]
     pose_of_bottom = np.full(hull.count, -1, dtype=np.int32)
-    curves = Curves(hull, strips)
+    curves = CurvedRegions(hull, strips)
     poses, families = [], []
     for index, i in enumerate(order.tolist()):
         bottom = int(bottoms[i])

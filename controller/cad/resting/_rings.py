@@ -30,7 +30,7 @@ USUAL_SHARE = 0.9  # share of a band's facets that span no more than is usual
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Profile:
+class HullProfile:
     """The convex hull of a body of revolution, cut along its axis, from one end to the other.
 
     Attributes
@@ -147,7 +147,7 @@ def _rings(
             yield ring, np.maximum(bulge[np.searchsorted(ids, ring)], 0.0)
 
 
-def _profile(points: FloatArray, near: float) -> Profile | None:
+def _profile(points: FloatArray, near: float) -> HullProfile | None:
     """Return the hull of points (n, 2), along and off an axis, as rims; None if they have none."""
     both = np.concatenate([points, points * [1.0, -1.0]])
     try:
@@ -162,7 +162,7 @@ def _profile(points: FloatArray, near: float) -> Profile | None:
         if np.linalg.norm(rim - rims[-1]) > 2 * near:
             rims.append(rim)
     # an apex, or a disc's own middle, below the axis by noise
-    return Profile(np.maximum(np.array(rims), [-np.inf, 0.0])) if len(rims) > 1 else None
+    return HullProfile(np.maximum(np.array(rims), [-np.inf, 0.0])) if len(rims) > 1 else None
 
 
 def _across(rims: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ SAME = 0.07  # norm of the difference of rotations 3 degrees apart
 UNSURE_SHARE = 0.2  # share of points off the surface above which no closer look is needed
 
 
-class Surface:
+class SymmetryMesh:
     """A mesh about a centre, to test rotations and reflections for symmetry.
 
     Parameters

@@ -3,7 +3,7 @@
 The principal axes of inertia are the only candidates for axes when the three moments differ. Where
 two are equal the third axis may be many-fold or of revolution, and half turns square to it are
 guessed from corners that could change places; where all are equal, all from such corners. Every
-guess is measured on the surface (`Surface`).
+guess is measured on the surface (`SymmetryMesh`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,7 @@ from controller.imaging import rotation_angle
 from ..solid import Solid
 from ._families import square_to
 from ._poses import StablePose
-from ._surface import SAME, Surface, rotation_about
+from ._surface import SAME, SymmetryMesh, rotation_about
 
 TOLERANCE_MM = 0.15  # bores are drawn this far off the axis of parts meant to be symmetric
 EQUAL_MOMENTS = 2e-3  # share of their sum; tessellation alone makes moments of a round part differ
@@ -79,7 +79,7 @@ def part_symmetries(
     centre_of_mass_mm : (3,) centre of mass of a part that is not of one density: symmetries that
         move it are none
     """
-    surface = Surface(solid.mesh, solid.centroid_mm, tolerance_mm)
+    surface = SymmetryMesh(solid.mesh, solid.centroid_mm, tolerance_mm)
     inertia = np.asarray(solid.mesh.moment_inertia, dtype=np.float64)
     moments, axes = np.linalg.eigh(inertia / np.trace(inertia))
     low, high = moments[1] - moments[0], moments[2] - moments[1]
@@ -125,7 +125,9 @@ def part_symmetries(
     return PartSymmetry(np.array(keeps), along, is_ball=False, mirror=next(iter(improper), None))
 
 
-def _try(surface: Surface, guesses: list[FloatArray], found: list[FloatArray], enough: int) -> None:
+def _try(
+    surface: SymmetryMesh, guesses: list[FloatArray], found: list[FloatArray], enough: int
+) -> None:
     """Add the guesses that hold to ``found``; rotations with all their products."""
     wrong = np.zeros((0, 3, 3))
     for guess in guesses:
@@ -167,7 +169,7 @@ def _half_turns(axes: FloatArray) -> Iterator[FloatArray]:
         yield 2 * np.outer(axes[:, i], axes[:, i]) - np.eye(3)
 
 
-def _many_fold(surface: Surface, axis: FloatArray) -> list[FloatArray]:
+def _many_fold(surface: SymmetryMesh, axis: FloatArray) -> list[FloatArray]:
     """Return the smallest turn about an axis that leaves the part unchanged, None without one."""
     order = 1
     for prime in PRIMES:
@@ -185,13 +187,13 @@ def _order(guesses: list[FloatArray], axis: FloatArray) -> int:
     return max((round(2 * np.pi / a) for a in angles if a > 1e-6), default=1)
 
 
-def _holds(surface: Surface, turn: FloatArray) -> bool:
+def _holds(surface: SymmetryMesh, turn: FloatArray) -> bool:
     guess = rotation_about(turn)
     R = surface.matched(guess, np.eye(3)[None])
     return R is not None and _same(guess, R)
 
 
-def _corner_turns(surface: Surface, axis: FloatArray, reach: float) -> Iterator[FloatArray]:
+def _corner_turns(surface: SymmetryMesh, axis: FloatArray, reach: float) -> Iterator[FloatArray]:
     """Guess half turns square to an axis, planes through it, and turned reflections along it."""
     e1, e2 = square_to(axis)
     points = surface.vertices
@@ -214,7 +216,7 @@ def _corner_turns(surface: Surface, axis: FloatArray, reach: float) -> Iterator[
                     yield np.eye(3) - 2 * np.outer(across, across)
 
 
-def _corner_pairs(surface: Surface, reach: float) -> Iterator[FloatArray]:
+def _corner_pairs(surface: SymmetryMesh, reach: float) -> Iterator[FloatArray]:
     """Guess turns and reflections that carry two corners to two others at the same distances."""
     points = surface.vertices
     r = np.linalg.norm(points, axis=1)

@@ -16,7 +16,7 @@ ROUND_KINDS = ("cylinder", "cone", "torus")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Rim:
+class WallRim:
     """A loop that goes once round the axis of its wall.
 
     Attributes
@@ -40,7 +40,7 @@ class Wall:
     """A surface that closes round its axis, with the rims it has."""
 
     face: Face
-    rims: tuple[Rim, ...]
+    rims: tuple[WallRim, ...]
 
 
 def loops_by_face(boundary: Boundary, face_count: int) -> list[list[int]]:
@@ -77,7 +77,7 @@ def winding(points: FloatArray, axis: FloatArray, centre_mm: FloatArray) -> int:
     return round(float(np.arctan2(sine, (radial * after).sum(axis=1)).sum()) / (2 * np.pi))
 
 
-def rim_of(solid: Solid, loop: int, axis: FloatArray, centre_mm: FloatArray) -> Rim | None:
+def rim_of(solid: Solid, loop: int, axis: FloatArray, centre_mm: FloatArray) -> WallRim | None:
     """Return a loop as a rim of the wall round an axis; None if it does not go round.
 
     Parameters
@@ -106,7 +106,7 @@ def rim_of(solid: Solid, loop: int, axis: FloatArray, centre_mm: FloatArray) -> 
         lengths[beyond] = lengths.get(beyond, 0.0) + length
         creases[crease] = creases.get(crease, 0.0) + length
         longest = max(longest, (lengths[beyond], beyond))
-    return Rim(
+    return WallRim(
         loop,
         centre_mm + level * axis,
         float(away.mean()),
@@ -253,7 +253,7 @@ def ends_of(solid: Solid, stack: list[Wall], axis: FloatArray) -> tuple[End, End
     return low, high
 
 
-def _end(solid: Solid, wall: Wall, rim: Rim, axis: FloatArray) -> End:
+def _end(solid: Solid, wall: Wall, rim: WallRim, axis: FloatArray) -> End:
     beyond = solid.faces[rim.beyond]
     if (
         beyond.kind == "sphere"

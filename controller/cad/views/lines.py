@@ -16,8 +16,8 @@ from ._types import DrawnEdge, LineView, Loop
 from .edges.covered import without_covered
 from .edges.doubles import without_doubles
 from .edges.drawn import draw, subdivisions
-from .edges.hidden import Pieces, candidate_edges, cut_edges, is_seen, tree_of_edges
-from .outlines.outline import Ring, find_rings, rim_edges
+from .edges.hidden import EdgeRuns, candidate_edges, cut_edges, is_seen, tree_of_edges
+from .outlines.outline import PlaneLoop, find_rings, rim_edges
 from .outlines.strokes import strokes_of
 
 
@@ -94,13 +94,13 @@ def _drawing(model: ViewModel, view: Projection) -> LineView:
     rings = find_rings(model, view, rims, open_rims, rim_tree)
     pieces = cut_edges(view, model, edges, open_rims, rim_tree)
     seen = is_seen(model, view, pieces)
-    pieces = Pieces(pieces.mesh_edge[seen], pieces.start[seen], pieces.end[seen])
+    pieces = EdgeRuns(pieces.mesh_edge[seen], pieces.start[seen], pieces.end[seen])
     pieces = without_doubles(model, view, pieces)
     return _line_view(model, view, rings, draw(model, view, pieces, rings))
 
 
 def _line_view(
-    model: ViewModel, view: Projection, rings: list[Ring], edges: tuple[DrawnEdge, ...]
+    model: ViewModel, view: Projection, rings: list[PlaneLoop], edges: tuple[DrawnEdge, ...]
 ) -> LineView:
     loops = tuple(_loop(model, view, ring) for ring in rings)
     area, centroid, moments = _moments([loop.points for loop in loops])
@@ -111,7 +111,7 @@ def _line_view(
     return LineView(loops, edges, area, perimeter, centroid, moments)
 
 
-def _loop(model: ViewModel, view: Projection, ring: Ring) -> Loop:
+def _loop(model: ViewModel, view: Projection, ring: PlaneLoop) -> Loop:
     ahead = np.roll(ring.points, -1, axis=0)
     count = subdivisions(view, ring.points, ahead)
     side = np.repeat(np.arange(len(count)), count)

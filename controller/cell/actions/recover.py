@@ -9,7 +9,14 @@ from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.journal import Once
 from controller.cell.journal.rows import HomingBegun, Intent
 from controller.cell.machine import Event, PartFault
-from controller.cell.recovery import FIRST_SPEED, Homing, Leaves, Opens, Proposal, arm_open_mm
+from controller.cell.recovery import (
+    FIRST_SPEED,
+    HomingWithPart,
+    Opens,
+    Proposal,
+    WayOut,
+    arm_open_mm,
+)
 from controller.planning.model import CellLayout
 from drivers.kinds import FixedGripper
 
@@ -68,7 +75,7 @@ class RecoverAction:
         await self._leave(proposal)
         return await self._go_on(proposal)
 
-    async def _home(self, proposal: Proposal, homing: Homing) -> Event:
+    async def _home(self, proposal: Proposal, homing: HomingWithPart) -> Event:
         """Home with the grippers as they are, and confirm that their parts are still there."""
         self.record.show("homing with the part in a gripper; no jaw opens")
         bounds = homing.bounds
@@ -133,7 +140,7 @@ class RecoverAction:
     async def _open(self, proposal: Proposal) -> None:
         """Open the gripper that gives the part away, or has done so already."""
         left, opens, part = proposal.left, proposal.case.opens, self.record.part
-        is_retreat = proposal.case.leaves is Leaves.BY_RETREAT
+        is_retreat = proposal.case.leaves is WayOut.BY_RETREAT
         match opens:
             case Opens.NONE:
                 return

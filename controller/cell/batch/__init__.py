@@ -6,10 +6,10 @@ takes events and runs effects, `watching/` reports events outside of actions. Ea
 an action (`controller.cell.actions`), with services (`controller.cell.services`).
 """
 
-from ..services.records import PartRecord, Progress
+from ..services.records import PartRecord, RunProgress
 from .assembly import Batch, assemble, product_of
 from .beginning import input_files, who_and_what
-from .dispatcher import WORKER_GONE, Dispatcher, Outcome
+from .dispatcher import WORKER_GONE, BatchEnd, Dispatcher
 from .order import OrderedRecipe, Papers, RecoveryPolicy, RunOrder, jobs_of
 from .run import HOST, Outfit, RunResult, new_run_id, run_batch
 from .starting import GO_ON, find_proposal
@@ -28,6 +28,7 @@ __all__ = [
     "WORKER_GONE",
     "ArmWatcher",
     "Batch",
+    "BatchEnd",
     "CellStatus",
     "DiskWatcher",
     "Dispatcher",
@@ -35,13 +36,12 @@ __all__ = [
     "ModbusWatcher",
     "MotorSupplyWatcher",
     "OrderedRecipe",
-    "Outcome",
     "Outfit",
     "Papers",
     "PartRecord",
-    "Progress",
     "RecoveryPolicy",
     "RunOrder",
+    "RunProgress",
     "RunResult",
     "assemble",
     "find_proposal",

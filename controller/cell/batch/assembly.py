@@ -60,7 +60,7 @@ from ..services import (
     JudgingAhead,
     Leases,
     Motion,
-    PartFile,
+    PartFileWriter,
     Permits,
     PlanSteps,
     Preparation,
@@ -73,7 +73,7 @@ from ..services import (
     fault_policy,
     faults_section,
 )
-from ..services.records import BatchRecord, Product, Progress
+from ..services.records import BatchProduct, BatchRecord, RunProgress
 from ..services.table import NO_NUMBERS, LabelOrder, Labels, Taking
 from .dispatcher import Dispatcher
 from .watching import (
@@ -122,7 +122,7 @@ def product_of(
     count: int = 1,
     number: int = 0,
     ahead: Compute | None = None,
-) -> Product:
+) -> BatchProduct:
     """Return a product of a batch.
 
     Parameters
@@ -135,18 +135,18 @@ def product_of(
     """
     faults = faults_section(cell, recipe)
     budgets = Budgets(faults.demote_after, faults.window)
-    return Product(number, recipe, count, compute, fault_policy(faults), budgets, ahead)
+    return BatchProduct(number, recipe, count, compute, fault_policy(faults), budgets, ahead)
 
 
 def assemble(
-    products: Sequence[Product],
+    products: Sequence[BatchProduct],
     cell: Cell,
     layout: CellLayout,
     devices: Devices,
     clock: CellClock,
     journal: Journal,
     folder: Path,
-    progress: Progress,
+    progress: RunProgress,
     on_progress: Callable[[], None],
     operator: Operator = NOBODY,
     calibration: SetCalibration | None = None,
@@ -209,7 +209,7 @@ def assemble(
     recoveries = Recoveries(record, lambda: record.product.policy, clock)
     background = Background()
     views = Views(record, compute, background, layout)
-    part_file = PartFile(cell, layout, folder, calibration or SetCalibration())
+    part_file = PartFileWriter(cell, layout, folder, calibration or SetCalibration())
     ahead = JudgingAhead(record, compute, background, part_file)
     held_pose = HeldPose(record, views, motion, imaging, compute, recoveries, layout)
     preparation = Preparation([product.compute for product in products])

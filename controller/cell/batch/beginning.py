@@ -24,7 +24,7 @@ from .order import RunOrder
 
 
 @dataclass(frozen=True, slots=True)
-class Beginning:
+class RunStart:
     """The state that a run finds before it builds anything, as in its first rows.
 
     Attributes
@@ -47,7 +47,7 @@ async def begin(
     journal: Journal,
     stamps: Stamps,
     on_notice: Callable[[str], None],
-) -> Beginning:
+) -> RunStart:
     """Write the first rows of a run, and keep its files; return the state left by earlier runs.
 
     Parameters
@@ -75,7 +75,7 @@ async def begin(
         on_notice(notice)
     stored = await asyncio.to_thread(_stand_in_trays, order, journal, began)
     journal.write(rows.TraysStood(stored=stored))
-    return Beginning(began, calibration, known, stored)
+    return RunStart(began, calibration, known, stored)
 
 
 def input_files(order: RunOrder) -> tuple[Path, ...]:

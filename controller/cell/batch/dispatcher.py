@@ -28,9 +28,9 @@ from ..machine import (
     RESETTING,
     WORK,
     CellMachine,
-    Decision,
     Effect,
     Event,
+    MachineDecision,
     Mode,
     PauseKind,
     mode_of,
@@ -39,7 +39,7 @@ from ..machine import (
 from ..services import Gate, Interlocks, Standstill
 from ..services.records import BatchRecord
 from .status import CellStatus
-from .watching import Watcher
+from .watching import BatchWatcher
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +49,7 @@ End = Literal["complete", "held", "stopped", "aborted", "refused"]
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class BatchEnd:
     """The end of a batch.
 
     Attributes
@@ -91,7 +91,7 @@ class _Note:
     code: str = ""
     who: str = ""
     why: str = ""
-    answer: asyncio.Future[Decision] | None = None
+    answer: asyncio.Future[MachineDecision] | None = None
     lost: JournalError | None = None
 
 
@@ -125,7 +125,7 @@ class Dispatcher:
         actions: Actions,
         record: BatchRecord,
         stopping: Stopping,
-        watchers: Sequence[Watcher],
+        watchers: Sequence[BatchWatcher],
         journal: Journal,
         gate: Gate,
         interlocks: Interlocks,
@@ -210,7 +210,7 @@ class Dispatcher:
 
     async def command(
         self, event: Event, who: str, why: str = "", message: str = "", code: str = ""
-    ) -> Decision:
+    ) -> MachineDecision:
         """Have a person's command taken in its turn; return the machine's decision.
 
         Parameters
@@ -221,11 +221,11 @@ class Dispatcher:
         """
         if not self._has_begun and event in (Event.STOP, Event.FAULT):
             self._request(_Note(event, message=message, code=code, who=who, why=why))
-            return Decision("handled", self.state, self.state)
+            return MachineDecision("handled", self.state, self.state)
         if self._has_ended or not self._has_begun:
             when = "has come to rest" if self._has_ended else "is still connecting its devices"
-            return Decision("refused", self.state, self.state, reason=f"the run {when}")
-        answer: asyncio.Future[Decision] = asyncio.get_running_loop().create_future()
+            return MachineDecision("refused", self.state, self.state, reason=f"the run {when}")
+        answer: asyncio.Future[MachineDecision] = asyncio.get_running_loop().create_future()
         self._inbox.put_nowait(
             _Note(event, message=message, code=code, who=who, why=why, answer=answer)
         )
@@ -245,7 +245,7 @@ class Dispatcher:
     def _report(self, event: Event, message: str = "", code: str = "") -> None:
         self._inbox.put_nowait(_Note(event, message=message, code=code))
 
-    async def run(self) -> Outcome:
+    async def run(self) -> BatchEnd:
         """Reset the cell, work through the parts ordered, come to rest; return the outcome."""
         self._has_begun = True
         if self._before is not None:
@@ -315,9 +315,9 @@ class Dispatcher:
             answer = self._inbox.get_nowait().answer
             if answer is not None and not answer.done():
                 reason = "the run has come to rest"
-                answer.set_result(Decision("refused", self.state, self.state, reason=reason))
+                answer.set_result(MachineDecision("refused", self.state, self.state, reason=reason))
 
-    async def _stop_unrecorded(self, error: JournalError) -> Outcome:
+    async def _stop_unrecorded(self, error: JournalError) -> BatchEnd:
         """Stop every device although no row can be written; return the outcome."""
         with suppress(JournalError):
             self._gate.permits.withdraw("journal")
@@ -332,9 +332,9 @@ class Dispatcher:
             "See that the file is in its place, can be written and has room on its disk, then "
             "start again"
         )
-        return Outcome("aborted", message, "journal", where)
+        return BatchEnd("aborted", message, "journal", where)
 
-    def _outcome(self, end: End) -> Outcome:
+    def _outcome(self, end: End) -> BatchEnd:
         custody = self._record.part.custody
         where = where_it_is(custody, self._record.part.tray or "")
         at_rest = rows.AtRest(
@@ -346,7 +346,7 @@ class Dispatcher:
         )
         with suppress(JournalError):  # at rest already: the next start finds the run unfinished
             self._journal.write(at_rest)
-        return Outcome(end, self._message, self._code, where, self._step)
+        return BatchEnd(end, self._message, self._code, where, self._step)
 
     async def _take(self, note: _Note) -> None:
         if note.lost is not None:
@@ -415,16 +415,16 @@ class Dispatcher:
         self._report(Event.GUARD_OPENED, violation.message, violation.code)
         return True
 
-    def _refusal(self, event: Event) -> Decision | None:
+    def _refusal(self, event: Event) -> MachineDecision | None:
         """Return the decision that ignores or refuses an event outside the state table, or None."""
         state = self._machine.state
         mode = mode_of(state)
         if event is Event.GUARD_OPENED and mode is Mode.SUSPENDING and self._held_by is not None:
-            return Decision("ignored", state, state, reason="this holds the run already")
+            return MachineDecision("ignored", state, state, reason="this holds the run already")
         if mode is not Mode.SUSPENDED:
             return None
         reason = self._why_barred(event)
-        return Decision("refused", state, state, reason=reason) if reason else None
+        return MachineDecision("refused", state, state, reason=reason) if reason else None
 
     def _why_barred(self, event: Event) -> str:
         """Return the condition that a paused cell needs before a command; empty for none."""
@@ -458,7 +458,7 @@ class Dispatcher:
         effect = note.of or (None if self._work is None else self._work[0])
         return "" if effect is None else effect.value
 
-    def _set_gate(self, event: Event, decision: Decision) -> None:
+    def _set_gate(self, event: Event, decision: MachineDecision) -> None:
         """Set the gate for the new state: hold a pause, or let motion through."""
         match mode_of(decision.target):
             case Mode.SUSPENDED:
@@ -474,7 +474,9 @@ class Dispatcher:
             case _ if _lets_through(decision):
                 self._gate.open()
 
-    async def _halt_overtaken(self, note: _Note, decision: Decision) -> list[asyncio.Future[None]]:
+    async def _halt_overtaken(
+        self, note: _Note, decision: MachineDecision
+    ) -> list[asyncio.Future[None]]:
         """Halt work that the new state has ended: replaced actions, a pause that is over.
 
         Returns
@@ -562,13 +564,13 @@ async def _cancelled(running: _Running) -> None:
     await asyncio.gather(running[1], return_exceptions=True)
 
 
-def _lets_through(decision: Decision) -> bool:
+def _lets_through(decision: MachineDecision) -> bool:
     """Return whether the gate opens in the new state."""
     mode = mode_of(decision.target)
     return mode is Mode.EXECUTE or (mode is None and decision.permits)
 
 
-def _event_row(note: _Note, decision: Decision, step: str) -> rows.CellEvent:
+def _event_row(note: _Note, decision: MachineDecision, step: str) -> rows.CellEvent:
     said = {"message": note.message, "code": note.code} if note.message else {}
     alarm = _alarm(note.code, note.message, step)
     person = {"who": note.who, "why": note.why} if note.who else {}

@@ -18,7 +18,7 @@ from ..custody import Custody, custody_of, where_it_is
 from ..custody.known_journals import after_known, open_noted_journal
 from ..devices import Devices, resolve
 from ..devices.clocks import Speed
-from ..devices.supervision import Callers, Supervised
+from ..devices.supervision import CallerPrograms, Supervised
 from ..journal import (
     HOST_STAMPS,
     JOURNAL_NAME,
@@ -30,11 +30,11 @@ from ..journal import (
 )
 from ..operator import NOBODY, Journaled, Operator, require_acknowledged
 from ..operator.notices import Notices
-from ..recovery import Beside, Bounds, Interrupted
-from ..services.records import PartRecord, Product, Progress
+from ..recovery import Beside, HomingBounds, Interrupted
+from ..services.records import BatchProduct, PartRecord, RunProgress
 from .assembly import Batch, assemble, product_of
-from .beginning import Beginning, begin, who_and_what
-from .dispatcher import Dispatcher, Outcome
+from .beginning import RunStart, begin, who_and_what
+from .dispatcher import BatchEnd, Dispatcher
 from .order import RunOrder
 from .starting import recipe_for, refuse, start
 
@@ -72,7 +72,7 @@ class RunResult:
         the cell is emulated as drawn
     """
 
-    outcome: Outcome
+    outcome: BatchEnd
     parts: tuple[PartRecord, ...]
     speed: Speed
     why_not_verified: str = ""
@@ -95,13 +95,13 @@ def new_run_id(recipe: Recipe, stamps: Stamps = HOST_STAMPS, more: int = 0) -> s
 async def run_batch(
     order: RunOrder,
     pool: Executor,
-    on_progress: Callable[[Progress], None],
+    on_progress: Callable[[RunProgress], None],
     on_dispatcher: Callable[[Dispatcher], None],
     on_notice: Callable[[str], None] = lambda text: None,
     outfit: Outfit = HOST,
     operator: Operator = NOBODY,
     ahead: Executor | None = None,
-    callers: Callers | None = None,
+    callers: CallerPrograms | None = None,
 ) -> RunResult:
     """Run a batch to rest and return its result; everything from here on is in the journal.
 
@@ -137,7 +137,7 @@ async def run_batch(
         decider = Journaled(operator, journal)
         found = await begin(order, began, journal, outfit.stamps, on_notice)
         products = _products(order, outfit, pool, ahead)
-        progress = Progress()
+        progress = RunProgress()
         async with _cell_time(order, journal) as clock, _notices(order) as notices:
             devices = outfit.devices(order.cell, where, clock)
             speed = Speed(clock.speed)
@@ -198,7 +198,7 @@ def _open_journal(
 
 def _products(
     order: RunOrder, outfit: Outfit, pool: Executor, ahead: Executor | None
-) -> tuple[Product, ...]:
+) -> tuple[BatchProduct, ...]:
     """Return the products of an order, each with its compute services."""
     return tuple(
         product_of(
@@ -232,7 +232,7 @@ async def _supervision(
     clock: CellClock,
     batch: Batch,
     on_notice: Callable[[str], None],
-    callers: Callers | None,
+    callers: CallerPrograms | None,
 ) -> AsyncIterator[None]:
     """Have a supervisor stop the cell while the event loop cannot; name the wires it cannot reach.
 
@@ -276,15 +276,15 @@ class _Run:
     order: RunOrder
     journal: Journal
     operator: Operator
-    found: Beginning
-    products: tuple[Product, ...]
+    found: RunStart
+    products: tuple[BatchProduct, ...]
     layout: CellLayout
     devices: Devices
     batch: Batch
 
     async def to_rest(
         self, show: Callable[[], None], supervision: AbstractAsyncContextManager[object]
-    ) -> Outcome:
+    ) -> BatchEnd:
         """Connect the devices, run the batch if it may begin, and let go of the devices.
 
         Parameters
@@ -305,7 +305,7 @@ class _Run:
             await self.batch.ahead.aclose()
             await self.devices.aclose()
 
-    async def _run(self) -> Outcome:
+    async def _run(self) -> BatchEnd:
         barred = await _barred(self.order, self.journal, self.operator)
         if barred is not None:
             return barred
@@ -322,7 +322,7 @@ class _Run:
             self._sweep,
             self._back,
         )
-        if isinstance(held, Outcome):
+        if isinstance(held, BatchEnd):
             return held
         self.batch.record.part.custody = Custody.ON_TABLE
         if held is not None:
@@ -330,11 +330,11 @@ class _Run:
             self.batch.resumption.accept(held, folder, self._product_of(held.left))
         return await self.batch.dispatcher.run()
 
-    def _product_of(self, left: Interrupted) -> Product:
+    def _product_of(self, left: Interrupted) -> BatchProduct:
         """Return the product of an interrupted part; the first where the part is unknown."""
         return self.products[recipe_for(left, self.found.began) or 0]
 
-    async def _sweep(self, left: Interrupted, bounds: Bounds) -> Swept:
+    async def _sweep(self, left: Interrupted, bounds: HomingBounds) -> Swept:
         """Prove the space that homing with a part sweeps."""
         return await self._product_of(left).compute.homing_swept(*bounds.arguments)
 
@@ -353,8 +353,8 @@ class _Run:
 
 def _result(
     order: RunOrder,
-    found: Beginning,
-    outcome: Outcome,
+    found: RunStart,
+    outcome: BatchEnd,
     parts: tuple[PartRecord, ...],
     speed: Speed,
     journal: Journal,
@@ -373,7 +373,7 @@ def _result(
     return RunResult(outcome, parts, speed, why)
 
 
-async def _barred(order: RunOrder, journal: Journal, operator: Operator) -> Outcome | None:
+async def _barred(order: RunOrder, journal: Journal, operator: Operator) -> BatchEnd | None:
     """Return the outcome of a start barred by an unacknowledged stop, else None."""
     latch = await require_acknowledged(journal, order.cell.name, operator)
     if latch is None:

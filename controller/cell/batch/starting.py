@@ -31,7 +31,7 @@ from ..recovery import (
     read_world,
     same_cell,
 )
-from .dispatcher import Outcome
+from .dispatcher import BatchEnd
 from .order import RunOrder
 
 GO_ON, REFUSE = "go_on", "refuse"
@@ -49,7 +49,7 @@ async def start(
     operator: Operator,
     sweep: Sweep,
     back: Back,
-) -> Outcome | Proposal | None:
+) -> BatchEnd | Proposal | None:
     """Return None for empty grippers, else the proposal to begin with or the outcome of a refusal.
 
     Parameters
@@ -310,7 +310,7 @@ def _why_refused(order: RunOrder, proposal: Proposal) -> str:
 
 def refuse(
     journal: Journal, message: str, code: str, where: str, custody: Custody | None = None
-) -> Outcome:
+) -> BatchEnd:
     """Journal that a start is refused; return the outcome.
 
     Parameters
@@ -324,4 +324,4 @@ def refuse(
     journal.write(
         rows.AtRest(state="refused", message=message, code=code, custody=key, where=where)
     )
-    return Outcome("refused", message, code, where)
+    return BatchEnd("refused", message, code, where)

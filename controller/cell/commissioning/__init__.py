@@ -7,22 +7,22 @@ pictures and readings are in `controller.commissioning`, which knows no device.
 
 from .bench import Bench
 from .errors import NobodyThereError, StepFailedError
-from .evidence import Evidence
+from .evidence import StepEvidence
 from .person import EmulatedPerson, Errand, Person
-from .session import CommissionOrder, Session, due
-from .steps import STEPS, Step, step_plans
+from .session import CommissioningSession, CommissionOrder, due
+from .steps import STEPS, CommissioningStep, step_plans
 
 __all__ = [
     "STEPS",
     "Bench",
     "CommissionOrder",
+    "CommissioningSession",
+    "CommissioningStep",
     "EmulatedPerson",
     "Errand",
-    "Evidence",
     "NobodyThereError",
     "Person",
-    "Session",
-    "Step",
+    "StepEvidence",
     "StepFailedError",
     "due",
     "step_plans",

@@ -24,7 +24,7 @@ from ..devices.interlocks import check_interlocks
 from ..journal import Body
 from ..services import Gate, Imaging, Interlocks, Motion, Mover, NextMotion
 from .errors import StepFailedError
-from .evidence import Evidence
+from .evidence import StepEvidence
 from .person import Person
 
 PERMIT: Final = "commission"
@@ -73,7 +73,7 @@ class Bench:
     gate: Gate
     interlocks: Interlocks
     person: Person
-    evidence: Evidence
+    evidence: StepEvidence
     emulated: frozenset[str]
     by: str
     based_on: Mapping[CalibrationName, str]

@@ -20,7 +20,7 @@ from controller.commissioning.calibration import (
     find_board,
 )
 from controller.commissioning.kinematics import BoardPicture, plate_faces
-from controller.commissioning.showing import Region, showing
+from controller.commissioning.showing import ShowingRegion, showing
 from controller.commissioning.target import BoardSection, load_board
 from controller.config import SHIPPED
 from controller.planning.geometry import Box
@@ -337,7 +337,7 @@ class PlateInJaws:
     def configurations(
         self,
         camera: CameraName,
-        region: Region,
+        region: ShowingRegion,
         count: int,
         rng: np.random.Generator,
         *,

@@ -8,10 +8,10 @@ from pathlib import Path
 import cv2
 
 from controller.arrays import Grey
-from controller.commissioning.procedure import Figure, GivenAnswer, Picture
+from controller.commissioning.procedure import GivenAnswer, StepFigure, StepPicture
 
 
-class Evidence:
+class StepEvidence:
     """Figures, findings, pictures and answers of one run of a step.
 
     Parameters
@@ -23,9 +23,9 @@ class Evidence:
     def __init__(self, folder: Path, show: Callable[[str], None]) -> None:
         self.folder = folder
         self.show = show
-        self.figures: list[Figure] = []
+        self.figures: list[StepFigure] = []
         self.findings: list[str] = []
-        self.pictures: list[Picture] = []
+        self.pictures: list[StepPicture] = []
         self.answers: list[GivenAnswer] = []
 
     def measure(
@@ -37,7 +37,7 @@ class Evidence:
         uncertainty: float | None = None,
         low: float | None = None,
         high: float | None = None,
-    ) -> Figure:
+    ) -> StepFigure:
         """Store and print a measured value; return it.
 
         Parameters
@@ -47,7 +47,7 @@ class Evidence:
         uncertainty : standard uncertainty; None if nobody worked it out
         low, high : limits, None for none
         """
-        figure = Figure(
+        figure = StepFigure(
             name=name,
             value=float(value),
             unit=unit,
@@ -79,7 +79,7 @@ class Evidence:
         """
         path = self.folder / f"{name}.png"
         digest = await asyncio.to_thread(_write, path, picture)
-        self.pictures.append(Picture(file=path.name, caption=caption, sha256=digest))
+        self.pictures.append(StepPicture(file=path.name, caption=caption, sha256=digest))
 
 
 def _write(path: Path, picture: Grey) -> str:

@@ -17,7 +17,7 @@ from controller.commissioning.procedure import GivenAnswer
 from ..errors import CellError
 from ..operator import Answer, Choice, Operator, Question
 from .errors import DeclinedError, NobodyThereError
-from .evidence import Evidence
+from .evidence import StepEvidence
 
 GO_ON: Final = "yes"
 STOP: Final = "stop"
@@ -52,7 +52,7 @@ class Person:
     """
 
     def __init__(
-        self, operator: Operator, evidence: Evidence, helper: "EmulatedPerson | None" = None
+        self, operator: Operator, evidence: StepEvidence, helper: "EmulatedPerson | None" = None
     ) -> None:
         self._operator = operator
         self._evidence = evidence

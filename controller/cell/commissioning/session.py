@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from controller.commissioning.procedure import (
-    Folder,
-    Outcome,
-    Standing,
-    Status,
+    CommissioningFolder,
+    StepEnd,
     StepRecord,
+    StepStanding,
+    StepStatus,
     cell_digest,
     standings,
 )
@@ -21,12 +21,12 @@ from controller.config.calibration_reference import CalibrationName
 
 from ..devices import Devices
 from ..devices.clocks import FoundClock
-from ..devices.supervision import Callers
+from ..devices.supervision import CallerPrograms
 from ..operator import Operator
-from .evidence import Evidence
+from .evidence import StepEvidence
 from .person import EmulatedPerson
-from .steps import STEPS, Step, step_plans
-from .visit import Build, Visit, VisitOrder
+from .steps import STEPS, CommissioningStep, step_plans
+from .visit import Build, StepVisit, VisitOrder
 
 STEP_NAMES: Final = tuple(step.name for step in STEPS)
 
@@ -44,7 +44,7 @@ class CommissionOrder:
     """
 
     cell_path: Path
-    folder: Folder
+    folder: CommissioningFolder
     by: str
     recipes: tuple[Path, ...] = ()
 
@@ -57,7 +57,7 @@ class CommissionOrder:
         """
         return load_yaml(self.cell_path, Cell).read_from(self.cell_path)
 
-    def standings(self, now: datetime) -> tuple[Standing, ...]:
+    def standings(self, now: datetime) -> tuple[StepStanding, ...]:
         """Return the state of each step.
 
         Raises
@@ -77,7 +77,7 @@ class CommissionOrder:
         return {name: one.sha256 for name, one in self.folder.references().items()}
 
 
-class Session:
+class CommissioningSession:
     """A commissioning under way; anything that would end it stops it instead.
 
     Parameters
@@ -101,7 +101,7 @@ class Session:
         helper: EmulatedPerson | None,
         show: Callable[[str], None],
         build: Build = Devices.build,
-        callers: Callers | None = None,
+        callers: CallerPrograms | None = None,
     ) -> None:
         self._callers = callers
         self._order = order
@@ -111,7 +111,7 @@ class Session:
         self._helper = helper
         self._show = show
         self._build = build
-        self._visit: Visit | None = None
+        self._visit: StepVisit | None = None
         self._end: tuple[str, str] | None = None
 
     def request_stop(self, message: str, code: str) -> None:
@@ -146,18 +146,18 @@ class Session:
             record = await self._run_step(by_name[name])
             done.append(record)
             on_step(record)
-            if record.outcome is not Outcome.PASSED:
+            if record.outcome is not StepEnd.PASSED:
                 break
         return tuple(done)
 
-    async def _run_step(self, step: Step) -> StepRecord:
+    async def _run_step(self, step: CommissioningStep) -> StepRecord:
         order = self._order
         nominal = order.nominal()
         cell = await asyncio.to_thread(order.folder.load_for, order.cell_path, step.makes)
         now = datetime.now(UTC)
         place = order.folder.begin_evidence(step.name, now)
         hashes = order.hashes()
-        visit = Visit(
+        visit = StepVisit(
             VisitOrder(
                 step=step,
                 recipe={"name": f"commission {step.name}"},
@@ -173,7 +173,7 @@ class Session:
             ),
             self._operator,
             self._helper,
-            Evidence(place, self._show),
+            StepEvidence(place, self._show),
             self._build,
             self._callers,
         )
@@ -183,14 +183,14 @@ class Session:
             record = await visit.run()
         finally:
             self._visit = None
-        if record.outcome is Outcome.PASSED:
+        if record.outcome is StepEnd.PASSED:
             made = order.folder.keep(order.cell_path, visit.made)
             record = record.model_copy(update={"made": made})
         order.folder.write_record(record)
         return record
 
 
-def due(standings: Sequence[Standing], only: str | None) -> tuple[str, ...]:
+def due(standings: Sequence[StepStanding], only: str | None) -> tuple[str, ...]:
     """Return the steps to run.
 
     Parameters
@@ -203,13 +203,13 @@ def due(standings: Sequence[Standing], only: str | None) -> tuple[str, ...]:
     ConfigError : no such step, or one that it needs is not done
     """
     if only is None:
-        return tuple(one.step for one in standings if one.status is not Status.DONE)
+        return tuple(one.step for one in standings if one.status is not StepStatus.DONE)
     by_name = {step.name: step for step in STEPS}
     if only not in by_name:
         raise ConfigError(f"--step {only:.40}: the steps are {', '.join(by_name)}")
     status = {one.step: one for one in standings}
     for need in by_name[only].needs:
-        if status[need].status is not Status.DONE:
+        if status[need].status is not StepStatus.DONE:
             raise ConfigError(
                 f"--step {only}: it needs `{need}`, which is {status[need].status.value} "
                 f"({status[need].reason}); leave --step out, or run {need} first"

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
-from controller.commissioning.procedure import Outcome, StepRecord, worst_of
+from controller.commissioning.procedure import StepEnd, StepRecord, worst_of
 from controller.config import Cell
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration
@@ -39,7 +39,7 @@ from ..devices.clocks import FoundClock
 from ..devices.in_use import counted
 from ..devices.interlocks import rules_of
 from ..devices.stopping import Stopping
-from ..devices.supervision import Callers, Supervised
+from ..devices.supervision import CallerPrograms, Supervised
 from ..errors import CellError, InterlockError
 from ..journal import JOURNAL_NAME, Journal, JournalError, rows
 from ..machine import Event
@@ -55,12 +55,12 @@ from ..services import (
     Retries,
     fault_policy,
 )
-from ..services.records import BatchRecord, Progress
+from ..services.records import BatchRecord, RunProgress
 from .bench import Bench, HandedOver
 from .errors import DeclinedError, NobodyThereError
-from .evidence import Evidence
+from .evidence import StepEvidence
 from .person import EmulatedPerson, Person
-from .steps import Step
+from .steps import CommissioningStep
 
 log = logging.getLogger(__name__)
 
@@ -92,7 +92,7 @@ class VisitOrder:
     recipes : files of those that the cell is to run
     """
 
-    step: Step
+    step: CommissioningStep
     recipe: Mapping[str, Any]
     cell: Cell
     digest: str
@@ -108,7 +108,7 @@ class VisitOrder:
     recipes: tuple[Path, ...] = ()
 
 
-class Visit:
+class StepVisit:
     """One step in the cell.
 
     Parameters
@@ -126,9 +126,9 @@ class Visit:
         order: VisitOrder,
         operator: Operator,
         helper: EmulatedPerson | None,
-        evidence: Evidence,
+        evidence: StepEvidence,
         build: Build = Devices.build,
-        callers: Callers | None = None,
+        callers: CallerPrograms | None = None,
     ) -> None:
         self._build = build
         self._callers = callers
@@ -166,17 +166,17 @@ class Visit:
         BaseException : a bug; the cell was halted
         """
         began = datetime.now(UTC)
-        outcome, message = Outcome.PASSED, ""
+        outcome, message = StepEnd.PASSED, ""
         try:
             self._made = await self._in_the_cell()
         except _BROKEN_OFF as error:
-            outcome, message = Outcome.BROKEN_OFF, str(error)
+            outcome, message = StepEnd.BROKEN_OFF, str(error)
         except (CellError, DeviceError) as error:
-            outcome, message = Outcome.FAILED, str(error)
+            outcome, message = StepEnd.FAILED, str(error)
         else:
             over = worst_of(self._evidence.figures)
             if over:
-                outcome, message = Outcome.FAILED, "; ".join(figure.words for figure in over)
+                outcome, message = StepEnd.FAILED, "; ".join(figure.words for figure in over)
                 self._made = {}
         order, evidence = self._order, self._evidence
         return StepRecord(
@@ -374,7 +374,7 @@ class Visit:
         order = self._order
         cell = order.cell
         layout, handed = build_layout(cell), HandedOver()
-        record = BatchRecord(journal, Progress(), lambda: None)
+        record = BatchRecord(journal, RunProgress(), lambda: None)
         policy = fault_policy(cell.faults)
         retries = Retries(record, lambda: policy, clock)
         gate = Gate(Permits(journal), clock, Approval(operator) if order.is_stepwise else None)

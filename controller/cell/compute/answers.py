@@ -29,11 +29,11 @@ from controller.imaging import inverse_pose
 from controller.planning import (
     Ambiguity,
     Box,
+    FaceToShowAgain,
     JointPath,
     OnTable,
     Plan,
     PreparedPart,
-    ShortFace,
     Start,
     TableHypothesis,
 )
@@ -100,7 +100,7 @@ def plan(
     avoid: frozenset[str],
     alternatives: tuple[recognising.Alternative, ...],
     around: Around = ALONE,
-    short: frozenset[ShortFace] = frozenset(),
+    short: frozenset[FaceToShowAgain] = frozenset(),
 ) -> Plan:
     """Return a plan for the part, which a gripper or the table has.
 

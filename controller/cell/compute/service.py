@@ -17,7 +17,7 @@ Arguments = ParamSpec("Arguments")
 Answer = TypeVar("Answer")
 
 
-class Question(Generic[Arguments, Answer]):
+class ComputeCall(Generic[Arguments, Answer]):
     """A function of `answers.py` as an awaitable method of the compute service."""
 
     def __init__(self, answer: Callable[Concatenate[Job, Arguments], Answer]) -> None:
@@ -70,23 +70,23 @@ class Compute:
         """Return the service that computes the answers."""
         return self
 
-    prepare = Question(answers.prepare)
-    recognise = Question(answers.recognise)
-    plan = Question(answers.plan)
-    pickable = Question(answers.pickable)
-    unseen_turns = Question(answers.unseen_turns)
-    plan_to_trays = Question(answers.plan_to_trays)
-    identify = Question(answers.identify)
-    path_home = Question(answers.path_home)
-    homing_swept = Question(answers.homing_swept)
-    proven_back = Question(answers.proven_back)
-    locate = Question(answers.locate)
-    inspect = Question(answers.inspect)
-    inspect_on_table = Question(answers.inspect_on_table)
-    find_hold = Question(answers.find_hold)
-    judge_ahead = Question(answers.judge_ahead)
-    judge = Question(answers.judge)
-    surface_share = Question(answers.surface_share)
+    prepare = ComputeCall(answers.prepare)
+    recognise = ComputeCall(answers.recognise)
+    plan = ComputeCall(answers.plan)
+    pickable = ComputeCall(answers.pickable)
+    unseen_turns = ComputeCall(answers.unseen_turns)
+    plan_to_trays = ComputeCall(answers.plan_to_trays)
+    identify = ComputeCall(answers.identify)
+    path_home = ComputeCall(answers.path_home)
+    homing_swept = ComputeCall(answers.homing_swept)
+    proven_back = ComputeCall(answers.proven_back)
+    locate = ComputeCall(answers.locate)
+    inspect = ComputeCall(answers.inspect)
+    inspect_on_table = ComputeCall(answers.inspect_on_table)
+    find_hold = ComputeCall(answers.find_hold)
+    judge_ahead = ComputeCall(answers.judge_ahead)
+    judge = ComputeCall(answers.judge)
+    surface_share = ComputeCall(answers.surface_share)
 
 
 class PartCompute(Compute):

@@ -52,7 +52,7 @@ class ReleaseImpossibleError(CellError):
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class GripperStanding:
     """The known state of a cell's grippers.
 
     Attributes
@@ -153,21 +153,21 @@ class ReleaseVisit:
             count=0,
         )
 
-    async def look(self) -> Standing:
+    async def look(self) -> GripperStanding:
         """Return the parts that the grippers may hold; nothing moves."""
         here = CellIdentity.of(self._began)
         openings = await read_openings(self._devices)
         if self._journal is None:
             path = self._runs_dir / JOURNAL_NAME
             known = fold_custody(lost_rows(path, self._lost), here)
-            return Standing(known, openings, lost_words(path, self._lost))
+            return GripperStanding(known, openings, lost_words(path, self._lost))
         found = rows_of_all_journals(self._journal.path, self._began)
         known = fold_custody(found, here)
         unread = {one.gripper for one in openings if one.occupancy is Occupancy.UNREADABLE}
         unknown = frozenset(unread - recorded_grippers(found, here))
         self._note(openings_row(openings))
         leases = read_left_leases(self._journal.path, here)
-        return Standing(known, openings, self._notice, leases, unknown)
+        return GripperStanding(known, openings, self._notice, leases, unknown)
 
     async def open(self, gripper: GripperName, known: Sequence[Held]) -> Custody:
         """Open one gripper while a person holds the part; return the custody that follows.

@@ -34,7 +34,7 @@ from drivers.modbus_link import (
 )
 from drivers.wires import UNTAPPED, Wires
 
-from .measured_gripper import MeasuredGripper, Openings
+from .measured_gripper import MeasuredGripper, OpeningScale
 
 Addresses = Mapping[str, Any]
 
@@ -145,8 +145,8 @@ class DeviceBuilder:
         """Return the fixed gripper, its openings as its calibration measured them."""
         device = cast(FixedGripper, self.device("gripper"))
         section = self._cell.fixed_gripper
-        openings = Openings(section.opening_zero_mm, section.opening_scale)
-        return device if openings == Openings() else MeasuredGripper(device, openings)
+        openings = OpeningScale(section.opening_zero_mm, section.opening_scale)
+        return device if openings == OpeningScale() else MeasuredGripper(device, openings)
 
     def lights(self) -> LampUnit:
         """Return the lamp unit."""

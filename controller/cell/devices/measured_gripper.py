@@ -11,7 +11,7 @@ from drivers.supervisor import BlindStop, StopsBlindly
 
 
 @dataclass(frozen=True, slots=True)
-class Openings:
+class OpeningScale:
     """A true opening as a function of its reading: ``zero_mm + scale * reading``."""
 
     zero_mm: float = 0.0
@@ -46,7 +46,7 @@ class MeasuredGripper:
     openings : conversion of readings to true openings
     """
 
-    def __init__(self, device: FixedGripper, openings: Openings) -> None:
+    def __init__(self, device: FixedGripper, openings: OpeningScale) -> None:
         self._device = device
         self._openings = openings
 

@@ -23,7 +23,7 @@ from ._head import Head, HeadFile, head_path
 from .place import OpenFiles
 from .rows import Body, TextByName, name_of
 from .stamps import HOST_STAMPS, Stamps
-from .writing import BUSY_WALL_S, SCHEMA_VERSION, Entry, WriterThread, migrate
+from .writing import BUSY_WALL_S, SCHEMA_VERSION, PendingRow, WriterThread, migrate
 
 CELL_DECIMALS: Final = 3
 
@@ -59,7 +59,7 @@ class Journal:
         self.cell_clock: Callable[[], float] | None = None
         self.on_failure: Callable[[JournalError], None] | None = None
         self._behind: WriterThread | None = None
-        self._held: list[Entry] | None = None
+        self._held: list[PendingRow] | None = None
         self._heads = [HeadFile(head_path(path))]
         self._secured: Head | None = None  # the last row of this writer that is surely on the disk
         try:
@@ -210,18 +210,18 @@ class Journal:
 
     def _entry(
         self, kind: RowKind, name: str, body: Mapping[str, Any], part: int | None, *, full: bool
-    ) -> Entry:
+    ) -> PendingRow:
         text = json.dumps(body, separators=(",", ":"), ensure_ascii=False)
         # File names may have bytes that are not text; the row matters more than their spelling.
         text = text.encode("utf-8", "backslashreplace").decode("utf-8")
         is_at_once = self._behind is None and self._held is None
-        return Entry(kind, name, text, part, full, None if is_at_once else self._stamp())
+        return PendingRow(kind, name, text, part, full, None if is_at_once else self._stamp())
 
     def _stamp(self) -> tuple[str, float]:
         utc = self._stamps.utc().isoformat(timespec="microseconds")
         return utc, self._stamps.monotonic_s()
 
-    def _put(self, entry: Entry) -> int:
+    def _put(self, entry: PendingRow) -> int:
         if self._behind is not None:
             self._behind.put(entry)
             return self._behind.wait(entry) if entry.full else 0
@@ -230,7 +230,7 @@ class Journal:
             return 0
         return self._append(entry)
 
-    def _append(self, entry: Entry) -> int:
+    def _append(self, entry: PendingRow) -> int:
         if self._held:
             self._let_go()
         with self._lock:
@@ -257,7 +257,7 @@ class Journal:
             self.on_row(head.seq, entry.kind, entry.name)
         return head.seq
 
-    def _insert(self, entry: Entry) -> Head:
+    def _insert(self, entry: PendingRow) -> Head:
         t_utc, t_mono = entry.stamp or self._stamp()
         last = last_row(self._db)
         run = entry.about or self.run

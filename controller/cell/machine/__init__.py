@@ -6,7 +6,7 @@ and views that a batch learns from; `diagram.py` draws docs/state-machine.md.
 """
 
 from .budgets import GRASP, VIEW, Budgets, Demotion
-from .machine import CellMachine, Decision, Transition
+from .machine import CellMachine, MachineDecision, Transition
 from .pauses import PAUSE_EVENTS, PAUSE_WORDS, PauseKind, SafePoint
 from .recovery import (
     BACK,
@@ -84,11 +84,11 @@ __all__ = [
     "Act",
     "Budgets",
     "CellMachine",
-    "Decision",
     "Demotion",
     "Effect",
     "Event",
     "FaultPolicy",
+    "MachineDecision",
     "Mode",
     "PartFault",
     "PauseKind",

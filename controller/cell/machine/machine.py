@@ -35,7 +35,7 @@ Answer = Literal["handled", "ignored", "refused"]
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
+class MachineDecision:
     """The machine's decision on an event.
 
     Attributes
@@ -96,16 +96,16 @@ class CellMachine:
     def _note_ignored(self, reason: str, _: EventData) -> None:
         self._ignored_because = reason
 
-    def dispatch(self, event: Event) -> Decision:
+    def dispatch(self, event: Event) -> MachineDecision:
         """Take one event, return the decision; a pair not in the table is refused, not raised."""
         source, self._ignored_because = self.state, ""
         try:
             self.trigger(event.value)  # type: ignore[attr-defined]  # added by transitions
         except MachineError:
-            return Decision("refused", source, source, reason=self._why_refused(event))
+            return MachineDecision("refused", source, source, reason=self._why_refused(event))
         if self._ignored_because:
-            return Decision("ignored", source, source, reason=self._ignored_because)
-        return Decision(
+            return MachineDecision("ignored", source, source, reason=self._ignored_because)
+        return MachineDecision(
             "handled",
             source,
             self.state,

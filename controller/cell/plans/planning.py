@@ -31,7 +31,7 @@ from controller.planning import (
 )
 from controller.planning.model import ArmModel
 
-from .stored import FORMAT, Certified, Kept, KeptPlan
+from .stored import FORMAT, Certified, KeptPlan, PartCaches
 
 __all__ = ["Certified", "KeptPlan", "PlanCache", "planner_hash"]
 
@@ -64,7 +64,7 @@ class PlanCache:
         self._options = options or PlanOptions()
         self._use_cache = use_cache
         self._prepared: PreparedPart | None = None
-        self._kept = Kept(part)
+        self._kept = PartCaches(part)
         self._key = digest_of(
             FORMAT,
             part.solid.content_hash,

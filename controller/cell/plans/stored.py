@@ -83,7 +83,7 @@ class Certified:
     fixed_grasp_count: int
 
 
-class Kept:
+class PartCaches:
     """The caches of one part: its plans, certificates and prepared data."""
 
     def __init__(self, part: CompiledPart) -> None:

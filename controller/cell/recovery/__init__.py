@@ -8,8 +8,8 @@ carries out the accepted proposal.
 """
 
 from .beside import Back, Beside, beside_path
-from .classify import Case, Leaves, Opens, classify
-from .homing import Bounds, Homing, Sweep, lost_bounds, why_not_home
+from .classify import Case, Opens, WayOut, classify
+from .homing import HomingBounds, HomingWithPart, Sweep, lost_bounds, why_not_home
 from .interrupted import Interrupted, TakenView, fold_interrupted, same_cell
 from .propose import FIRST_SPEED, Proposal, arm_open_mm, listed, propose
 from .trail import Leaving, Trail
@@ -19,18 +19,18 @@ __all__ = [
     "FIRST_SPEED",
     "Back",
     "Beside",
-    "Bounds",
     "Case",
-    "Homing",
+    "HomingBounds",
+    "HomingWithPart",
     "Interrupted",
     "Jaws",
-    "Leaves",
     "Leaving",
     "Opens",
     "Proposal",
     "Sweep",
     "TakenView",
     "Trail",
+    "WayOut",
     "World",
     "arm_open_mm",
     "beside_path",

@@ -13,7 +13,7 @@ from controller.arrays import FloatArray
 from controller.planning.motion import MARGIN_MM, ProvenMove
 
 from .carried import Carried, part_in_gripper
-from .classify import Case, Leaves, Opens
+from .classify import Case, Opens, WayOut
 from .interrupted import Interrupted
 from .world import World
 
@@ -51,7 +51,7 @@ def beside_path(left: Interrupted, world: World, case: Case) -> Beside | None:
     world : state of arm and grippers
     case : case found
     """
-    if case.person or case.opens is not Opens.NONE or case.leaves is not Leaves.BY_TRAIL:
+    if case.person or case.opens is not Opens.NONE or case.leaves is not WayOut.BY_TRAIL:
         return None
     if world.q is None or world.arm_mm is None or left.intent is not None:
         return None

@@ -31,7 +31,7 @@ class Opens(StrEnum):
     ARM_OVER_TRAY = "the arm gripper opens: the part is over its tray"
 
 
-class Leaves(StrEnum):
+class WayOut(StrEnum):
     """The path by which the arm leaves its place."""
 
     BY_TRAIL = "along its path"
@@ -58,7 +58,7 @@ class Case:
 
     custody: Custody
     opens: Opens = Opens.NONE
-    leaves: Leaves = Leaves.BY_TRAIL
+    leaves: WayOut = WayOut.BY_TRAIL
     holds_as_expected: bool = False
     done: Done | None = None
     evidence: tuple[str, ...] = ()
@@ -215,9 +215,9 @@ def _grasp(left: Interrupted, world: World) -> Case:
     """Return the case of a grasp off the table, where the part rests until the arm leaves."""
     jaws = world.arm_jaws(_mm(left.expected_hold))
     if jaws is Jaws.ON_PART and world.is_arm_pressing:
-        return Case(Custody.IN_ARM, leaves=Leaves.BY_RETREAT, holds_as_expected=True, done="done")
+        return Case(Custody.IN_ARM, leaves=WayOut.BY_RETREAT, holds_as_expected=True, done="done")
     done: Done = "not done" if jaws is Jaws.WIDER else "unknown"
-    return Case(Custody.ON_TABLE, opens=Opens.ARM_ON_TABLE, leaves=Leaves.BY_RETREAT, done=done)
+    return Case(Custody.ON_TABLE, opens=Opens.ARM_ON_TABLE, leaves=WayOut.BY_RETREAT, done=done)
 
 
 def _hand_off(left: Interrupted, world: World) -> Case:
@@ -241,9 +241,9 @@ def _release_arm(left: Interrupted, world: World) -> Case:
         return Case(Custody.IN_BOTH, opens=Opens.FIXED, done="not done")
     if jaws in (Jaws.WIDER, Jaws.BETWEEN) and _is_fixed_on_part(left, world):
         done: Done = "done" if jaws is Jaws.WIDER else "unknown"
-        return Case(Custody.IN_FIXED, opens=Opens.ARM, leaves=Leaves.BY_RETREAT, done=done)
+        return Case(Custody.IN_FIXED, opens=Opens.ARM, leaves=WayOut.BY_RETREAT, done=done)
     if world.is_fixed_clear and jaws is Jaws.WIDER:
-        return Case(Custody.LOST, leaves=Leaves.BY_RETREAT, done="done")
+        return Case(Custody.LOST, leaves=WayOut.BY_RETREAT, done="done")
     return _contradiction(left, f"the arm gripper's jaws {jaws.value}", "unknown")
 
 
@@ -266,7 +266,7 @@ def _release_fixed(left: Interrupted, world: World) -> Case:
     if world.does_fixed_hold:
         return Case(Custody.IN_BOTH, opens=Opens.ARM, done="not done")
     if jaws is Jaws.ON_PART:
-        return Case(Custody.IN_ARM, opens=Opens.FIXED, leaves=Leaves.BY_RETREAT, done="done")
+        return Case(Custody.IN_ARM, opens=Opens.FIXED, leaves=WayOut.BY_RETREAT, done="done")
     return _contradiction(left, f"the arm gripper's jaws {jaws.value}", "unknown")
 
 
@@ -279,7 +279,7 @@ def _put(custody: Custody, opens: Opens) -> Rule:
             return Case(Custody.IN_ARM, done="not done")
         if jaws in (Jaws.WIDER, Jaws.BETWEEN):
             done: Done = "done" if jaws is Jaws.WIDER else "unknown"
-            return Case(custody, opens=opens, leaves=Leaves.BY_RETREAT, done=done)
+            return Case(custody, opens=opens, leaves=WayOut.BY_RETREAT, done=done)
         return _contradiction(left, f"the arm gripper's jaws {jaws.value}", "unknown")
 
     return rule
@@ -313,17 +313,17 @@ AFTER: Final[Mapping[str, Custody]] = {
 }
 
 
-def _leaves(left: Interrupted) -> Leaves:
+def _leaves(left: Interrupted) -> WayOut:
     """Return the arm's way out: by retreat if the run stopped right before one, else by trail."""
     last = left.last_intent
     is_due = left.trail.retreat and last is not None and AFTER.get(last.name) is left.custody
-    return Leaves.BY_RETREAT if is_due else Leaves.BY_TRAIL
+    return WayOut.BY_RETREAT if is_due else WayOut.BY_TRAIL
 
 
 def _gave(left: Interrupted, name: Once) -> bool:
     """Return whether this release gave the part away and the arm has not left since."""
     return (
-        _leaves(left) is Leaves.BY_RETREAT
+        _leaves(left) is WayOut.BY_RETREAT
         and left.last_intent is not None
         and left.last_intent.name == name
     )

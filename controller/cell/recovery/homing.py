@@ -23,7 +23,7 @@ from .world import World
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Bounds(Carried):
+class HomingBounds(Carried):
     """The bounds on the arm's position, and the parts in the grippers.
 
     Attributes
@@ -52,18 +52,18 @@ class Bounds(Carried):
 NOTICED_S: Final = 0.5
 
 # Proves that homing from anywhere within bounds, with the part of a run, touches nothing.
-Sweep = Callable[[Interrupted, Bounds], Awaitable[Swept]]
+Sweep = Callable[[Interrupted, HomingBounds], Awaitable[Swept]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Homing:
+class HomingWithPart:
     """Homing with the part that was found free of contact."""
 
-    bounds: Bounds
+    bounds: HomingBounds
     swept: Swept
 
 
-def lost_bounds(left: Interrupted, world: World, layout: CellLayout) -> Bounds:
+def lost_bounds(left: Interrupted, world: World, layout: CellLayout) -> HomingBounds:
     """Return the bounds on an arm whose positions are lost, and the parts it holds.
 
     Parameters
@@ -79,7 +79,7 @@ def lost_bounds(left: Interrupted, world: World, layout: CellLayout) -> Bounds:
     low, high = np.where(known, kept - THERE, low), np.where(known, kept + THERE, high)
     T_part_tcp, T_part_fixed = part_in_gripper(left, left.custody)
     in_arm = None if T_part_tcp is None else left.arm_hold
-    return Bounds(
+    return HomingBounds(
         low=low,
         high=high,
         known=known,
@@ -167,7 +167,7 @@ def why_not_free(swept: Swept | None) -> str:
     )
 
 
-def homing_evidence(homing: Homing, layout: CellLayout) -> tuple[str, ...]:
+def homing_evidence(homing: HomingWithPart, layout: CellLayout) -> tuple[str, ...]:
     """Return the known, unknown and checked facts on the arm, as sentences."""
     bounds = homing.bounds
     x, y, z = tcp_pose(layout, bounds.q_estimate)[:3, 3]
@@ -190,7 +190,7 @@ def homing_evidence(homing: Homing, layout: CellLayout) -> tuple[str, ...]:
     )
 
 
-def what_to_look_at(homing: Homing, layout: CellLayout) -> str:
+def what_to_look_at(homing: HomingWithPart, layout: CellLayout) -> str:
     """Return the sentence on what the operator has to look at before they accept."""
     x, y, z = tcp_pose(layout, homing.bounds.q_estimate)[:3, 3]
     held = (

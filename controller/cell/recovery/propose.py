@@ -14,11 +14,11 @@ from controller.planning.motion import ProvenMove, Swept, segment_seconds, tcp_p
 from ..custody import Custody
 from ..journal import Once
 from .beside import back_evidence, why_not_back
-from .classify import Case, Leaves, Opens, classify
+from .classify import Case, Opens, WayOut, classify
 from .homing import (
     FIRST_MOTION,
     HOMING_STEPS,
-    Homing,
+    HomingWithPart,
     homing_evidence,
     lost_bounds,
     what_to_look_at,
@@ -75,7 +75,7 @@ class Proposal:
     first_motion: str
     is_proven: bool
     person: str
-    homing: Homing | None = None
+    homing: HomingWithPart | None = None
     look: str = ""
 
     @property
@@ -164,7 +164,7 @@ def _home(
             left, case, nowhere, None, case.custody, (), "", is_proven=False, person=person
         )
     assert swept is not None
-    homing = Homing(lost_bounds(left, world, layout), swept)
+    homing = HomingWithPart(lost_bounds(left, world, layout), swept)
     more = homing_evidence(homing, layout)
     return Proposal(
         left,
@@ -194,7 +194,7 @@ def arm_open_mm(left: Interrupted) -> float:
 
 
 def _way(left: Interrupted, case: Case, q: FloatArray, back: ProvenMove | None) -> Leaving | None:
-    if case.leaves is Leaves.BY_RETREAT:
+    if case.leaves is WayOut.BY_RETREAT:
         return left.trail.retreat_from(q)
     return left.trail.leaving(q, () if back is None else back.waypoints)
 
@@ -225,7 +225,7 @@ def _steps(case: Case, custody: Custody, first: str, way: Leaving) -> list[str]:
         steps.append(case.opens.value)
     if first:
         where = "back along the path it came by" if way.is_back else "on along its path"
-        if case.leaves is Leaves.BY_RETREAT:
+        if case.leaves is WayOut.BY_RETREAT:
             where = "away by the retreat that was planned"
         steps.append(f"the arm goes {where}, {len(way.waypoints)} waypoints: {first}")
     return [*steps, *_activating(case), THEN[custody]]

@@ -8,7 +8,7 @@ import numpy as np
 from controller.cell.custody import Custody
 from controller.cell.devices.interlocks import (
     BUILT_IN_RULES,
-    Check,
+    CheckTime,
     Facts,
     Rule,
     Truth,
@@ -86,7 +86,7 @@ class Interlocks:
             self._moving["fixed_gripper_free"] = Truth.of(
                 None if status.is_moving else is_wide or not status.has_contact
             )
-        self._require(Check.ADMIT)
+        self._require(CheckTime.ADMIT)
 
     def admit_jaws(self) -> None:
         """Check that jaws may move.
@@ -96,7 +96,7 @@ class Interlocks:
         InterlockError : a rule does not hold, or cannot be known to hold
         """
         self._moving = {"moves_jaws": Truth.TRUE}
-        self._require(Check.ADMIT)
+        self._require(CheckTime.ADMIT)
 
     def violation(self, changed: Facts) -> Violation | None:
         """Return the first rule that does not hold while something may move, None if all do.
@@ -112,13 +112,13 @@ class Interlocks:
             for rule in self._rules
             if (rule.when.names() | rule.require.names()) & changed.keys()
         ]
-        return first_violation(rules, Check.DURING, {**self._facts(), **changed})
+        return first_violation(rules, CheckTime.DURING, {**self._facts(), **changed})
 
     def holding(self) -> Violation | None:
         """Return the first rule that holds the run before its next motion; None if none does."""
-        return first_violation(self._holding_rules, Check.ADMIT, self._facts())
+        return first_violation(self._holding_rules, CheckTime.ADMIT, self._facts())
 
-    def _require(self, check: Check) -> None:
+    def _require(self, check: CheckTime) -> None:
         violation = first_violation(self._rules, check, self._facts())
         if violation is not None:
             raise InterlockError(violation.message, violation.code, holds=violation.rule.holds)

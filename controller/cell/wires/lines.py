@@ -15,7 +15,7 @@ from drivers.errors import UnpluggedError
 from drivers.wire_file import WireReader, WireRow
 
 from .loop import WireLoop
-from .recording import Callers
+from .recording import LineCallers
 
 Opened = TypeVar("Opened")
 
@@ -82,7 +82,7 @@ class Tape:
         self.difference: Difference | None = None
         self.request_count = 0
         self.has_run_out = False
-        self.callers = Callers()
+        self.callers = LineCallers()
 
     @property
     def now_s(self) -> float:

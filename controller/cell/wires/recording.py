@@ -38,7 +38,7 @@ class Recorder:
         self.writer = writer
         self._clock: CellClock | None = None
         self._last_s = 0.0
-        self.callers = Callers()
+        self.callers = LineCallers()
 
     def begin(self, order: RunOrder) -> None:
         """Write the inputs of the run: options, and the files it reads."""
@@ -251,7 +251,7 @@ class _NotedThreads(_NotedPool, ThreadPoolExecutor):
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
 
 
-class Callers:
+class LineCallers:
     """Names the caller of a line, since two tasks may send the same request.
 
     The task that makes the devices is the batch, however it was started; any other goes by the name

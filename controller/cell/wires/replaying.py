@@ -56,7 +56,7 @@ class Replayed:
 
 
 @dataclass(frozen=True, slots=True)
-class Inputs:
+class ReplayFiles:
     """The readable files of the recorded run.
 
     Attributes
@@ -71,7 +71,7 @@ class Inputs:
 
 
 @contextlib.contextmanager
-def inputs_of(reader: WireReader) -> Iterator[Inputs]:
+def inputs_of(reader: WireReader) -> Iterator[ReplayFiles]:
     """Yield the files that the recorded run was started with.
 
     They are read in place if none has changed since; else all are written to a temporary folder,
@@ -85,7 +85,7 @@ def inputs_of(reader: WireReader) -> Iterator[Inputs]:
     files = [row for row in reader.rows if (row.wire, row.kind) == ("run", "file")]
     changed = [row for row in files if _digest(Path(row.info["path"])) != row.info["sha256"]]
     if not changed:
-        yield Inputs(Path(begin["recipe"]), Path(begin["cell"]), ())
+        yield ReplayFiles(Path(begin["recipe"]), Path(begin["cell"]), ())
         return
     root = Path(os.path.commonpath([row.info["path"] for row in files]))
     root = root if len(files) > 1 else root.parent
@@ -97,7 +97,7 @@ def inputs_of(reader: WireReader) -> Iterator[Inputs]:
         recipe, cell = (
             Path(folder) / Path(begin[name]).relative_to(root) for name in ("recipe", "cell")
         )
-        yield Inputs(recipe, cell, tuple(Path(row.info["path"]) for row in changed))
+        yield ReplayFiles(recipe, cell, tuple(Path(row.info["path"]) for row in changed))
 
 
 def _digest(path: Path) -> str:

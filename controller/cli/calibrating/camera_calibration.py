@@ -15,11 +15,11 @@ from rich.table import Table
 
 from controller.arrays import Grey
 from controller.commissioning.calibration import (
-    Calibration,
+    CalibratedCamera,
     CalibrationError,
     Charuco,
     NoBoardError,
-    Placed,
+    PlacedBoard,
     Target,
     View,
     WorldFrame,
@@ -148,7 +148,7 @@ def _world(target: CalibrationTarget, views: list[View], missed: Mapping[str, st
                 f"{name} fixes the world (`world.image`), but is not among the images"
             )
         return target.world.build()
-    flat = [view.name for view in views if view.placed is Placed.FLAT]
+    flat = [view.name for view in views if view.placed is PlacedBoard.FLAT]
     if not flat:
         raise ConfigError(
             _refusal("no flat board was found, so the table plane is unknown", 0, missed)
@@ -179,9 +179,9 @@ def _board_body(board: Target) -> dict[str, Any]:
 
 
 def _report(
-    found: Calibration, missed: Mapping[str, str], picture_count: int, output: Path
+    found: CalibratedCamera, missed: Mapping[str, str], picture_count: int, output: Path
 ) -> None:
-    flat = sum(view.placed is Placed.FLAT for view in found.views)
+    flat = sum(view.placed is PlacedBoard.FLAT for view in found.views)
     print_line(
         f"boards found in {len(found.views)} of {picture_count} pictures: {flat} flat, "
         f"{len(found.views) - flat} tilted; they cover {100 * found.coverage:.0f} % of the picture"
@@ -220,7 +220,7 @@ def _report(
     print_line(f"written to {output}")
 
 
-def _views_table(found: Calibration) -> Table:
+def _views_table(found: CalibratedCamera) -> Table:
     table = Table(box=None, pad_edge=False)
     for column in ("picture", "placed"):
         table.add_column(column)

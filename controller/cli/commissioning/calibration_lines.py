@@ -6,7 +6,7 @@ from pathlib import Path
 
 from controller.cell.journal import JOURNAL_NAME, read_rows_counted, rows
 from controller.cell.journal.usage import usage_of
-from controller.commissioning.procedure import Folder
+from controller.commissioning.procedure import CommissioningFolder
 from controller.config.calibrations import Usage, read_calibrations, standing_of
 
 
@@ -42,7 +42,9 @@ class CalibrationLine:
         return used + left + (f"; stale: {self.why_stale}" if self.why_stale else "")
 
 
-def calibration_lines(folder: Folder, runs: Path, now: datetime) -> tuple[CalibrationLine, ...]:
+def calibration_lines(
+    folder: CommissioningFolder, runs: Path, now: datetime
+) -> tuple[CalibrationLine, ...]:
     """Return the state of each calibration of a commissioned cell.
 
     Parameters

@@ -8,8 +8,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from controller.cell.commissioning import CommissionOrder, EmulatedPerson, Session, due
-from controller.commissioning.procedure import Folder, Outcome, Standing, Status, StepRecord
+from controller.cell.commissioning import CommissioningSession, CommissionOrder, EmulatedPerson, due
+from controller.commissioning.procedure import (
+    CommissioningFolder,
+    StepEnd,
+    StepRecord,
+    StepStanding,
+    StepStatus,
+)
 from controller.config import Cell, ConfigError, load_recipe
 from controller.results.commissioned import write_evidence_page
 from controller.setup.drivers import require_drivers
@@ -77,11 +83,11 @@ def guide(options: GuidedOptions, *, status_only: bool) -> int:
     standings = order.standings(datetime.now(UTC))
     _report_standings(standings, order, as_json=options.as_json)
     is_whole = len(records) == len(steps)
-    return 0 if is_whole and all(one.outcome is Outcome.PASSED for one in records) else 1
+    return 0 if is_whole and all(one.outcome is StepEnd.PASSED for one in records) else 1
 
 
 def _order(options: GuidedOptions) -> CommissionOrder:
-    order = CommissionOrder(options.cell_path, Folder(Path()), "")
+    order = CommissionOrder(options.cell_path, CommissioningFolder(Path()), "")
     name = order.nominal().name
     out = options.out or Path("commissioning") / name
     if out.exists() and not out.is_dir():
@@ -90,7 +96,7 @@ def _order(options: GuidedOptions) -> CommissionOrder:
     for one in options.recipes:
         load_recipe(one)  # before anything starts
     return CommissionOrder(
-        options.cell_path, Folder(out), options.operator or user_name(), tuple(recipes)
+        options.cell_path, CommissioningFolder(out), options.operator or user_name(), tuple(recipes)
     )
 
 
@@ -139,7 +145,7 @@ async def _drive(
         _report_step(record, as_json=options.as_json)
 
     async with door.open():
-        session = Session(
+        session = CommissioningSession(
             order, inside.ready, inside.clock, door, helper, show, callers=door.callers
         )
         door.attach_stop(session.request_stop)
@@ -159,12 +165,12 @@ def _report_step(record: StepRecord, *, as_json: bool) -> None:
         emit({"event": "step", **record.model_dump(mode="json", by_alias=True)})
         return
     text = f"step {record.step}: {record.outcome.value}"
-    style = None if record.outcome is Outcome.PASSED else "bold red"
+    style = None if record.outcome is StepEnd.PASSED else "bold red"
     print_line(f"{text}: {record.message}" if record.message else text, style=style)
 
 
 def _report_standings(
-    standings: Sequence[Standing], order: CommissionOrder, *, as_json: bool
+    standings: Sequence[StepStanding], order: CommissionOrder, *, as_json: bool
 ) -> None:
     if as_json:
         for one in standings:
@@ -179,7 +185,7 @@ def _report_standings(
         return
     print_line(f"{order.folder.path}:")
     for one in standings:
-        style = None if one.status is Status.DONE else "yellow"
+        style = None if one.status is StepStatus.DONE else "yellow"
         print_line(f"  {one.step:10} {one.status.value:9} {one.reason}", style=style)
 
 
@@ -204,5 +210,5 @@ def _report_calibrations(order: CommissionOrder, runs: Path, *, as_json: bool) -
             print_line(f"  {one.name:13} {one.words}", style="yellow" if one.why_stale else None)
 
 
-def _all_done(standings: Sequence[Standing]) -> bool:
-    return all(one.status is Status.DONE for one in standings)
+def _all_done(standings: Sequence[StepStanding]) -> bool:
+    return all(one.status is StepStatus.DONE for one in standings)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from controller.cell.commissioning.jogging import JogOrders, JogSession, Taken
-from controller.commissioning.procedure import Outcome, StepRecord
+from controller.cell.commissioning.jogging import JogOrders, JogSession, TakenOver
+from controller.commissioning.procedure import StepEnd, StepRecord
 from controller.config import Cell, ConfigError, load_cell
 from controller.setup.drivers import require_drivers
 
@@ -56,7 +56,7 @@ def jog_cell(options: JogOptions) -> int:
     cell = load_cell(options.cell_path)
     check_jog(options, cell)
     record, _ = run_jog(options, cell, None)
-    return 0 if record.outcome is Outcome.PASSED else 1
+    return 0 if record.outcome is StepEnd.PASSED else 1
 
 
 def check_jog(options: JogOptions, cell: Cell) -> None:
@@ -84,8 +84,8 @@ def check_jog(options: JogOptions, cell: Cell) -> None:
 
 
 def run_jog(
-    options: JogOptions, cell: Cell, accept: Callable[[Taken], str] | None
-) -> tuple[StepRecord, Taken | None]:
+    options: JogOptions, cell: Cell, accept: Callable[[TakenOver], str] | None
+) -> tuple[StepRecord, TakenOver | None]:
     """Move the cell by orders; return the record of the step, and the position taken.
 
     Parameters
@@ -100,7 +100,7 @@ def run_jog(
     ) as inside:
         by = options.operator or user_name()
 
-        async def drive() -> tuple[StepRecord, Taken | None]:
+        async def drive() -> tuple[StepRecord, TakenOver | None]:
             with _pilot(options, by) as pilot:
                 session = JogSession(
                     JogOrders(
@@ -137,7 +137,7 @@ def _pilot(options: JogOptions, by: str) -> Iterator[KeyPilot | LinePilot]:
 def _report(record: StepRecord, options: JogOptions) -> None:
     if options.as_json:
         emit({"event": "end", "outcome": record.outcome.value, "message": record.message})
-    elif record.outcome is Outcome.PASSED:
+    elif record.outcome is StepEnd.PASSED:
         print_line(f"{options.name}: ended; the arm has halted")
     else:
         warn(f"cellctl: {record.message}")

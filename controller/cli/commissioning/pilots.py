@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from controller.cell.commissioning.jogging import Reading
+from controller.cell.commissioning.jogging import ArmReading
 from controller.cell.operator import Answer, Question
 from controller.config import ConfigError
 from controller.config.files import read_text
@@ -217,7 +217,7 @@ class KeyPilot:
         return None
 
     # ---- what is seen ----------------------------------------------------------------------------
-    def show(self, reading: Reading) -> None:
+    def show(self, reading: ArmReading) -> None:
         """Write the arm's state over the earlier one."""
         columns = max(20, shutil.get_terminal_size().columns - 1)
         lines = [line[:columns] for line in reading.words.split(" | ")]
@@ -315,7 +315,7 @@ class LinePilot:
             return None
         return Answer(question.choices[0].key, "--yes")
 
-    def show(self, reading: Reading) -> None:
+    def show(self, reading: ArmReading) -> None:
         """Print the arm's state."""
         if not self._as_json:
             print_line(reading.words)

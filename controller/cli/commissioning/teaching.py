@@ -10,12 +10,12 @@ from typing import Final, get_args
 
 import numpy as np
 
-from controller.cell.commissioning.jogging import Taken
+from controller.cell.commissioning.jogging import TakenOver
 from controller.commissioning.procedure import (
     AIM_MM,
     TRAYS,
-    Folder,
-    Outcome,
+    CommissioningFolder,
+    StepEnd,
     TrayName,
     calibrated_text,
     taught_trays,
@@ -48,7 +48,7 @@ MAX_FROM_DRAWING_MM: Final = 100.0
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class TaughtChange:
     """A change to write.
 
     Attributes
@@ -83,8 +83,8 @@ def teach(options: JogOptions, what: str, *, writes: bool) -> int:
     options = replace(options, takes=f"takes the position of `{what}`")
     check_jog(options, cell)
     record, taken = run_jog(options, cell, teacher.why_not)
-    if record.outcome is not Outcome.PASSED or taken is None:
-        if record.outcome is Outcome.PASSED:
+    if record.outcome is not StepEnd.PASSED or taken is None:
+        if record.outcome is StepEnd.PASSED:
             warn("cellctl: nothing was taken, and nothing written")
         return 1
     change = teacher.change(taken)
@@ -129,9 +129,9 @@ class Teacher:
         T = np.eye(4)
         tray = self._layout.trays.get(self._what)
         T[:3, 3] = self._layout.station_mm if tray is None else (*tray.centre_mm, 0.0)
-        self.difference(self.change(Taken(np.asarray(self._layout.park_q, dtype=float), T)))
+        self.difference(self.change(TakenOver(np.asarray(self._layout.park_q, dtype=float), T)))
 
-    def why_not(self, taken: Taken) -> str:
+    def why_not(self, taken: TakenOver) -> str:
         """Return the reason why a position cannot be taken; empty if it can."""
         try:
             change = self.change(taken)
@@ -154,7 +154,7 @@ class Teacher:
             )
         return ""
 
-    def change(self, taken: Taken) -> Change:
+    def change(self, taken: TakenOver) -> TaughtChange:
         """Return the change to be written for a position.
 
         Raises
@@ -168,7 +168,9 @@ class Teacher:
         if self._what == STATION:
             self._require_drawing()
             values = {"position": f"[{x}, {y}, {z}]"}
-            return Change(f"station at x {x} y {y} z {z} mm", with_values(text, "station", values))
+            return TaughtChange(
+                f"station at x {x} y {y} z {z} mm", with_values(text, "station", values)
+            )
         name = _tray(self._what)
         arm = self._cell.calibration.get("arm")
         own_mm = (
@@ -188,9 +190,9 @@ class Teacher:
             cell=self._cell.name,
         )
         words = f"tray {name}: its middle at x {x} y {y} mm, standard uncertainty {trays.u_mm} mm"
-        return Change(words, text, trays)
+        return TaughtChange(words, text, trays)
 
-    def _park(self, text: str, taken: Taken) -> Change:
+    def _park(self, text: str, taken: TakenOver) -> TaughtChange:
         if not isinstance(self._cell.arm, UmiSection):
             raise ConfigError(
                 "park can be taught for the UMI RTX only; other arms have theirs in `arm.shape`"
@@ -203,7 +205,7 @@ class Teacher:
         shown = ", ".join(f"{joint}: {_short(value)}" for joint, value in degrees.items())
         values = {"park_deg": f"{{{shown}}}", "park_zed_mm": _short(q[3])}
         words = f"park at {shown} deg, zed {_short(q[3])} mm"
-        return Change(words, with_values(text, "arm", values))
+        return TaughtChange(words, with_values(text, "arm", values))
 
     def _require_drawing(self) -> None:
         """Require the cell file to be a drawing: a commissioned one has none of its own.
@@ -213,7 +215,7 @@ class Teacher:
         ConfigError : the cell file was written by a commissioning
         """
         if (
-            Folder(self._path.parent).cell_file == self._path
+            CommissioningFolder(self._path.parent).cell_file == self._path
             and (self._path.parent / "steps").is_dir()
         ):
             raise ConfigError(
@@ -232,7 +234,7 @@ class Teacher:
         reference = self._cell.calibration.get("trays")
         return reference.file if reference is not None else "calibrations/trays.json"
 
-    def _as_written(self, change: Change) -> str:
+    def _as_written(self, change: TaughtChange) -> str:
         """Return the cell file's text after the change, checked as a cell file.
 
         Raises
@@ -253,7 +255,7 @@ class Teacher:
             draft.unlink(missing_ok=True)
         return text
 
-    def difference(self, change: Change) -> list[str]:
+    def difference(self, change: TaughtChange) -> list[str]:
         """Return the differences that a change makes, line by line.
 
         Raises
@@ -274,7 +276,7 @@ class Teacher:
         old = "" if known is None else _centres(known)
         return [*_unified(old, _centres(change.trays), str(path)), *lines]
 
-    def write(self, change: Change) -> None:
+    def write(self, change: TaughtChange) -> None:
         """Write a taken position: the calibration first, then the cell file that names it.
 
         Raises

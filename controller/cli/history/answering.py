@@ -17,7 +17,7 @@ VERDICTS = ("pass", "fail", "indeterminate", "not evaluated", "no verdict")
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class FilterWords:
     """The filters as words of the command line."""
 
     recipe: str = ""
@@ -57,7 +57,7 @@ class Asked:
 
 def answer(
     part: str | None,
-    asked: Asked,
+    asked: FilterWords,
     limit: int,
     file: Path | None,
     runs_dir: Path,
@@ -85,7 +85,7 @@ def answer(
     HistoryError : there is nothing to read, or no such part
     """
     filters = asked.filters()
-    if part is not None and (file is not None or asked != Asked()):
+    if part is not None and (file is not None or asked != FilterWords()):
         raise ConfigError(f"PART {part}: cannot be combined with filters or --export")
     if file is not None:
         if file.suffix.lower() not in FORMS or file.is_dir():

@@ -98,12 +98,12 @@ def history(
     if yes:
         raise typer.BadParameter("--yes requires --drop-pictures-before")
     with loading():
-        from .answering import Asked, answer
+        from .answering import FilterWords, answer
 
     if awaiting_review and reviewed:
         raise typer.BadParameter("--awaiting-review and --reviewed exclude each other")
     review = "awaiting" if awaiting_review else "reviewed" if reviewed else ""
-    asked = Asked(recipe, verdict, serial, lot, order, operator, run, since, until, review)
+    asked = FilterWords(recipe, verdict, serial, lot, order, operator, run, since, until, review)
     raise typer.Exit(answer(part, asked, limit, export, runs, store, anew=refill, as_json=json))
 
 
@@ -162,10 +162,10 @@ def review(
     journal, beside the machine's. A later verdict replaces it; nothing is deleted.
     """
     with loading():
-        from .answering import Asked
-        from .reviewing import Order, review_parts
+        from .answering import FilterWords
+        from .reviewing import ReviewOptions, review_parts
 
-    asked = Asked(
+    asked = FilterWords(
         recipe=recipe,
         serial=serial,
         lot=lot,
@@ -175,7 +175,7 @@ def review(
         since=since,
         until=until,
     )
-    decided = Order(part, verdict, why, who, tuple(finding or ()), output, open_, all_)
+    decided = ReviewOptions(part, verdict, why, who, tuple(finding or ()), output, open_, all_)
     raise typer.Exit(review_parts(decided, asked, limit, runs, store, as_json=json))
 
 

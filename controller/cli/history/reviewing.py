@@ -10,14 +10,14 @@ from typing import Any
 from controller.cell.journal import JOURNAL_NAME, JournalError
 from controller.config import ConfigError
 from controller.history import Store, folded, list_parts
-from controller.history.reviewing import VERDICTS, WORDS, Decision, decide, one_part
+from controller.history.reviewing import VERDICTS, WORDS, PartDecision, decide, one_part
 from controller.results import ResultsError
 from controller.results.review import PartCrops, write_review_page
 
 from ..inputs.checks import check_writable_folder
 from ..inputs.history_store import filled_store
 from ..terminal.output import emit, print_line, warn
-from .answering import Asked
+from .answering import FilterWords
 from .tables import instant_words, print_columns, print_record, review_word, tray_words
 
 COLUMNS = (
@@ -34,7 +34,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class ReviewOptions:
     """The options of the command line.
 
     Attributes
@@ -58,7 +58,13 @@ class Order:
 
 
 def review_parts(
-    order: Order, asked: Asked, limit: int, runs_dir: Path, url: str | None, *, as_json: bool
+    order: ReviewOptions,
+    asked: FilterWords,
+    limit: int,
+    runs_dir: Path,
+    url: str | None,
+    *,
+    as_json: bool,
 ) -> int:
     """List parts, show one, or write a verdict; return the exit code.
 
@@ -87,11 +93,11 @@ def review_parts(
     return 0
 
 
-def _check(order: Order, asked: Asked) -> None:
+def _check(order: ReviewOptions, asked: FilterWords) -> None:
     """Raise ConfigError if options do not go together."""
     if order.part is None and (order.verdict or order.output or order.is_opened):
         raise ConfigError("--verdict, --output and --open need PART: a serial number or RUN/NUMBER")
-    if order.part is not None and (order.is_all or asked != Asked()):
+    if order.part is not None and (order.is_all or asked != FilterWords()):
         raise ConfigError(f"PART {order.part}: cannot be combined with filters")
     if order.verdict is None and (order.why or order.who or order.findings):
         raise ConfigError("--why, --who and --finding require --verdict")
@@ -108,7 +114,9 @@ def _check(order: Order, asked: Asked) -> None:
         check_writable_folder(order.output.parent, "--output in")
 
 
-def _list(store: Store, order: Order, asked: Asked, limit: int, *, as_json: bool) -> None:
+def _list(
+    store: Store, order: ReviewOptions, asked: FilterWords, limit: int, *, as_json: bool
+) -> None:
     awaiting = list_parts(store, replace(asked, review="awaiting").filters(), limit)
     decided = None
     if order.is_all:
@@ -143,7 +151,7 @@ def _row(part: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _show(store: Store, order: Order, word: str, runs_dir: Path, *, as_json: bool) -> None:
+def _show(store: Store, order: ReviewOptions, word: str, runs_dir: Path, *, as_json: bool) -> None:
     part = one_part(store, word)
     crops = _crops(part, runs_dir)
     page = None
@@ -186,11 +194,11 @@ def _picture(crops: PartCrops | None, number: int) -> str | None:
 
 
 def _decide(
-    store: Store, order: Order, word: str, verdict: str, runs_dir: Path, *, as_json: bool
+    store: Store, order: ReviewOptions, word: str, verdict: str, runs_dir: Path, *, as_json: bool
 ) -> None:
     user = getpass.getuser()
     who = f"{order.who} ({user})" if order.who else user
-    decision = Decision(verdict, who, order.why, dict(map(_named, order.findings)))
+    decision = PartDecision(verdict, who, order.why, dict(map(_named, order.findings)))
     part = decide(store, runs_dir, word, decision)
     if as_json:
         emit({"event": "reviewed", **part})

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from controller import catalogue
 from controller.cad.compiled import is_kept
-from controller.catalogue import LOCAL, Ahead, Jobs, Made, Work, is_made, open_pool
+from controller.catalogue import LOCAL, Ahead, Jobs, Made, PartWork, is_made, open_pool
 from controller.config import ConfigError
 
 from ..terminal.output import warn
@@ -33,7 +33,7 @@ def jobs_among(text: str | None, *, use_cache: bool = True) -> Jobs:
 
 
 @contextmanager
-def working_ahead(jobs: Jobs, works: Sequence[Work]) -> Iterator[MadeAhead]:
+def working_ahead(jobs: Jobs, works: Sequence[PartWork]) -> Iterator[MadeAhead]:
     """Yield a function that waits for the work on a part, by its number; None without such work.
 
     Nobody is asked where the cache has all of it.

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.commissioning.calibration import PARAMETERS, Calibration, Placed
+from controller.commissioning.calibration import PARAMETERS, CalibratedCamera, PlacedBoard
 from controller.config import ConfigError
 from controller.config.cell import MAX_HEIGHT_MM, MIN_HEIGHT_MM
 from controller.config.files import parse_json, read_text
@@ -96,7 +96,7 @@ def write_calibration(path: Path, body: Mapping[str, Any]) -> None:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
 
 
-def calibration_body(found: Calibration) -> dict[str, Any]:
+def calibration_body(found: CalibratedCamera) -> dict[str, Any]:
     """Return a calibration in the file's format: lengths in mm, angles in degrees."""
     camera = found.camera
     placed = [view.placed for view in found.views]
@@ -107,8 +107,8 @@ def calibration_body(found: Calibration) -> dict[str, Any]:
         "T_world_cam": camera.T_world_cam.tolist(),
         "counts": {
             "boards": len(placed),
-            "flat": placed.count(Placed.FLAT),
-            "tilted": placed.count(Placed.TILTED),
+            "flat": placed.count(PlacedBoard.FLAT),
+            "tilted": placed.count(PlacedBoard.TILTED),
             "corners": sum(view.corner_count for view in found.views),
             "outliers": sum(view.outlier_count for view in found.views),
         },

@@ -32,7 +32,7 @@ class Judged:
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ResultChange:
     """A result that differs in another judging; None on the side where it is missing."""
 
     what: str
@@ -139,7 +139,7 @@ def _replay(
     return bool(changes) or (not is_equal and recipe_path is None)
 
 
-def _changes(part: Judged, found: PartInspection) -> Iterator[Change]:
+def _changes(part: Judged, found: PartInspection) -> Iterator[ResultChange]:
     """Yield the changes: characteristics, findings, faces, at the end the verdict."""
     verdict = verdict_row(replace(found.ledger, verdict=found.verdict, reasons=found.reasons))
     yield from _turned(
@@ -161,7 +161,7 @@ def _changes(part: Judged, found: PartInspection) -> Iterator[Change]:
         ("reason",),
     )
     if part.verdict.verdict != verdict.verdict:
-        yield Change("verdict", "of the part", part.verdict.verdict, verdict.verdict, {})
+        yield ResultChange("verdict", "of the part", part.verdict.verdict, verdict.verdict, {})
 
 
 def _finding_key(finding: rows.PartFindingFields) -> str:
@@ -169,7 +169,9 @@ def _finding_key(finding: rows.PartFindingFields) -> str:
     return f"{finding.kind} at {at} in {finding.view}, {finding.lamp}"
 
 
-def _turned(what: str, before: Items, after: Items, keys: tuple[str, ...]) -> Iterator[Change]:
+def _turned(
+    what: str, before: Items, after: Items, keys: tuple[str, ...]
+) -> Iterator[ResultChange]:
     """Yield the items whose verdict or limits have changed.
 
     Parameters
@@ -185,4 +187,4 @@ def _turned(what: str, before: Items, after: Items, keys: tuple[str, ...]) -> It
         if was == now and limits[0] == limits[1]:
             continue
         shown = new or old or {}
-        yield Change(what, str(name), was, now, {key: shown[key] for key in keys})
+        yield ResultChange(what, str(name), was, now, {key: shown[key] for key in keys})

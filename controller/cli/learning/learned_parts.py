@@ -45,7 +45,7 @@ MAX_NAMED: Final = 3  # views that a line names
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class AcceptedViews:
     """Views of an accepted part, with who accepted it."""
 
     path: Path
@@ -54,7 +54,7 @@ class Source:
     accepted: AcceptedPart
 
     @classmethod
-    def of(cls, path: Path, accepted: AcceptedPart) -> "Source":
+    def of(cls, path: Path, accepted: AcceptedPart) -> "AcceptedViews":
         """Return an accepted part with the file of its views read.
 
         Parameters
@@ -125,7 +125,7 @@ def learn_parts(
 
 
 def _read(
-    sources: Sequence[Source], recipe: Recipe | None, wanted: str | None, *, as_json: bool
+    sources: Sequence[AcceptedViews], recipe: Recipe | None, wanted: str | None, *, as_json: bool
 ) -> tuple[list[GoodPart], CompiledPart, str]:
     """Return the parts with their pictures, the CAD model, and the hash of its file."""
     first = sources[0]
@@ -150,7 +150,7 @@ def _read(
     return parts, part, digest
 
 
-def _named(sets: Sequence[Path]) -> Iterator[Source]:
+def _named(sets: Sequence[Path]) -> Iterator[AcceptedViews]:
     """Yield the sets that a person named; raise ConfigError if one is not there, or named twice."""
     require_files(sets)
     known: set[Path] = set()
@@ -158,10 +158,10 @@ def _named(sets: Sequence[Path]) -> Iterator[Source]:
         if path.resolve() in known:
             raise ConfigError(f"{path}: is named twice; name a set of views of each good part once")
         known.add(path.resolve())
-        yield Source.of(path, AcceptedPart(name=str(path)))
+        yield AcceptedViews.of(path, AcceptedPart(name=str(path)))
 
 
-def _accepted(runs: Path, wanted: str | None) -> Iterator[Source]:
+def _accepted(runs: Path, wanted: str | None) -> Iterator[AcceptedViews]:
     """Yield the newest accepted parts of one CAD file in a folder of runs, newest first."""
     found = 0
     for summary in list_runs(runs):
@@ -192,7 +192,7 @@ def _accepted(runs: Path, wanted: str | None) -> Iterator[Source]:
                 return
 
 
-def _source(record: RunRecord, part: PartReport) -> Source | None:
+def _source(record: RunRecord, part: PartReport) -> AcceptedViews | None:
     """Return an accepted part's views; None for one that is not accepted, or has none."""
     if not part.is_counted or part.verdict is None:
         return None
@@ -214,13 +214,15 @@ def _source(record: RunRecord, part: PartReport) -> Source | None:
     else:
         return None
     try:
-        return Source.of(record.folder / inspected[-1].views, accepted)
+        return AcceptedViews.of(record.folder / inspected[-1].views, accepted)
     except ConfigError as error:
         warn(f"{name} is left out: {error}")
         return None
 
 
-def _header(lesson: Lesson, sources: Sequence[Source], solid: Solid, digest: str) -> LearnedHeader:
+def _header(
+    lesson: Lesson, sources: Sequence[AcceptedViews], solid: Solid, digest: str
+) -> LearnedHeader:
     by_name = {one.accepted.name: one.accepted for one in sources}
     x, y, z = lesson.appearance.p_part_mm.tolist()
     return LearnedHeader(

@@ -19,7 +19,7 @@ from controller.cad.compiled import (
     part_name,
 )
 from controller.cad.reading.step.choosing import size_text
-from controller.catalogue import LOCAL, Jobs, Made, Work
+from controller.catalogue import LOCAL, Jobs, Made, PartWork
 from controller.cell.plans import Certified, PlanCache
 from controller.config import ConfigError, load_cell
 from controller.inspection.characteristics import Characteristic
@@ -151,9 +151,9 @@ def _characteristics(file: PartFile, part: CompiledPart) -> tuple[Characteristic
     return part_characteristics(file.recipe_path, file.recipe, part)
 
 
-def _work(file: PartFile, cell: Path | None, density_g_cm3: float | None) -> Work:
+def _work(file: PartFile, cell: Path | None, density_g_cm3: float | None) -> PartWork:
     """Return the work on a part for other processes."""
-    return Work(file.path, file.options, cell, file.recipe, density_g_cm3)
+    return PartWork(file.path, file.options, cell, file.recipe, density_g_cm3)
 
 
 def _compiled(

@@ -13,7 +13,7 @@ from controller.results.moments import view_count
 from controller.setup.planner import PlannerSetup
 
 from ..terminal.output import stdout
-from ..terminal.progress import Progress
+from ..terminal.progress import PartProgress
 
 
 def proof_words(plan: Plan) -> str:
@@ -58,7 +58,7 @@ def certificate_words(certificate: Certificate, setup: PlannerSetup) -> str:
 
 
 def certified_each(
-    planning: PlanCache, poses: Sequence[StablePose], progress: Progress
+    planning: PlanCache, poses: Sequence[StablePose], progress: PartProgress
 ) -> Iterator[Certified]:
     """Yield the certificate of each stable pose, in order, each as soon as it is made.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, load_part, part_name
-from controller.catalogue import LOCAL, Jobs, Work
+from controller.catalogue import LOCAL, Jobs, PartWork
 from controller.cell.plans import KeptPlan, PlanCache
 from controller.config import Cell, ConfigError, load_cell
 from controller.planning import Certificate
@@ -22,7 +22,7 @@ from ..inputs.ahead import working_ahead
 from ..inputs.checks import Place, check_drawings, check_writable_folder, parse_place, writing
 from ..inputs.part_files import PartFile, stable_pose
 from ..terminal.output import emit, print_line, warn
-from ..terminal.progress import Progress, shown_progress
+from ..terminal.progress import PartProgress, shown_progress
 from .certificates import (
     certified_each,
     counted,
@@ -85,7 +85,7 @@ def plan_part_file(
     if report_plan is not None and not planning.is_prepared:
         _report_coarse(compiled, setup, poses[0], place)
     if pose_index is None:
-        work = Work(part.path, part.options, cell_path, part.recipe)
+        work = PartWork(part.path, part.options, cell_path, part.recipe)
         with working_ahead(jobs, [work]) as made:
             made(0)
     with shown_progress(compiled.solid.name, as_json=as_json) as progress:
@@ -167,7 +167,7 @@ def _plan_all(
     poses: Sequence[StablePose],
     place: Place,
     report_plan: Callable[[KeptPlan], None] | None,
-    progress: Progress,
+    progress: PartProgress,
     *,
     is_one: bool,
 ) -> tuple[KeptPlan, tuple[Certificate, ...]]:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from controller.cad.compiled import CompileOptions, options_among, part_name
-from controller.catalogue import LOCAL, Jobs, Work
+from controller.catalogue import LOCAL, Jobs, PartWork
 from controller.config import CAD_FORMATS, ConfigError, is_cad_file
 from controller.imaging import Camera
 from controller.recognition import Library, Recognition, recognise
@@ -132,7 +132,7 @@ def _answer_one(
 def _library(files: Sequence[tuple[Path, CompileOptions]], camera: Camera, jobs: Jobs) -> Library:
     """Return the library of CAD files, compiled by other processes if there are any."""
     with working_ahead(
-        jobs, [Work(path, options, camera=camera) for path, options in files]
+        jobs, [PartWork(path, options, camera=camera) for path, options in files]
     ) as made:
         for number in range(len(files)):
             made(number)

@@ -330,7 +330,7 @@ def recover(
     raise typer.Exit(code)
 
 
-class Form(StrEnum):
+class ReportFormat(StrEnum):
     """Format of a report."""
 
     HTML = "html"
@@ -341,7 +341,7 @@ class Form(StrEnum):
     DFQ = "dfq"
 
 
-class Layout(StrEnum):
+class ReportLayout(StrEnum):
     """Layout of a printed report."""
 
     STANDARD = "standard"
@@ -352,15 +352,17 @@ def report(
     run_name: Annotated[
         str | None, typer.Argument(metavar="RUN", help="name of the run (default: the newest)")
     ] = None,
-    form: Annotated[Form, typer.Option("--format", help="format of the report")] = Form.HTML,
+    form: Annotated[
+        ReportFormat, typer.Option("--format", help="format of the report")
+    ] = ReportFormat.HTML,
     layout: Annotated[
-        Layout,
+        ReportLayout,
         typer.Option(
             "--layout",
             help="layout of HTML or PDF: `standard`, or `as9102`: the characteristics as in Form 3 "
             "of AS9102",
         ),
-    ] = Layout.STANDARD,
+    ] = ReportLayout.STANDARD,
     output: Annotated[
         Path | None,
         typer.Option(

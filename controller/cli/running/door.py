@@ -11,7 +11,7 @@ from controller.cell.batch import Dispatcher
 from controller.cell.control import MAX_WHY, make_folder
 from controller.cell.control.serving import STOPS, Control, handle_for, serving
 from controller.cell.devices.lock import Holder
-from controller.cell.devices.supervision import Callers
+from controller.cell.devices.supervision import CallerPrograms
 from controller.cell.operator import Answer, Desk, OpenQuestion, Operator, Question
 
 from ..terminal.output import emit, warn
@@ -56,7 +56,7 @@ class OperatorDoor:
         self._is_reading = False
         self.desk = Desk(is_attended=self._is_attended or scans, on_change=self._show)
         self._control = Control(holder.run, holder, self.desk)
-        self.callers: Callers | None = None
+        self.callers: CallerPrograms | None = None
 
     async def decide(self, question: Question) -> Answer | None:
         """Return the answer given in advance, or else the answer of the person present."""

@@ -12,7 +12,7 @@ from controller.cell.commissioning.dry import DryOrder, DryPlan, DrySession, dry
 from controller.cell.compute import Job, context
 from controller.cell.compute.checks import check_sizes
 from controller.cell.plans import PlanCache
-from controller.commissioning.procedure import Outcome, StepRecord
+from controller.commissioning.procedure import StepEnd, StepRecord
 from controller.config import Cell, ConfigError, Recipe, load_cell, load_recipe
 from controller.results import load_run, write_html
 from controller.setup.drivers import require_drivers
@@ -55,7 +55,7 @@ def run_dry(options: RunOptions) -> int:
     with entered(emulated, cell_path, cell, options.runs_dir, run_id) as inside:
         record = asyncio.run(_drive(options, recipe, cell, plan, run_id, inside))
     _report(options, record, plan, run_id)
-    return 0 if record.outcome is Outcome.PASSED and not plan.left_out else 1
+    return 0 if record.outcome is StepEnd.PASSED and not plan.left_out else 1
 
 
 def _recipe_path(options: RunOptions) -> Path:
@@ -203,7 +203,7 @@ def _report(options: RunOptions, record: StepRecord, plan: DryPlan, run_id: str)
         return
     if record.message:
         warn(f"cellctl: {record.message}")
-    how = "ended" if record.outcome is Outcome.PASSED else "was stopped"
+    how = "ended" if record.outcome is StepEnd.PASSED else "was stopped"
     left = f", {len(plan.left_out)} waypoints left out" if plan.left_out else ""
     print_line(
         f"dry run {how}: {motions} motions in {seconds:.0f} s of the cell's time{left}; no part, "

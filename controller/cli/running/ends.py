@@ -43,7 +43,7 @@ class Stoppable(Protocol):
         ...
 
 
-class Ends:
+class CommandEnds:
     """Catches everything that would end a command, from beginning to end.
 
     Before the run, a signal ends the command at once; during the run, it requests a stop; after it,
@@ -58,7 +58,7 @@ class Ends:
         self._is_over = False
 
     @contextmanager
-    def heard(self) -> Iterator["Ends"]:
+    def heard(self) -> Iterator["CommandEnds"]:
         """Catch signals and yield these ends; restore the former handlers afterwards.
 
         Output is relayed meanwhile: while it is blocked, no end could be heard.

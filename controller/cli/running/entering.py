@@ -20,7 +20,7 @@ from controller.config import Cell, ConfigError
 from ..devices.doctor_checks import machine_checks
 from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder
 from ..terminal.output import warn
-from .ends import Ends
+from .ends import CommandEnds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +54,7 @@ class Entered:
     control : unix socket of the emulated cell's control port
     """
 
-    ends: Ends
+    ends: CommandEnds
     holder: Holder
     ready: dict[str, Any]
     clock: FoundClock
@@ -134,7 +134,7 @@ def entered(
     """
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
-        ends = stack.enter_context(Ends().heard())
+        ends = stack.enter_context(CommandEnds().heard())
         holder = stack.enter_context(hold_cell(folder, cell, run_name, socket_path(folder)))
         control = options.control
         if control is None:

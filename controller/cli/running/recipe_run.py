@@ -20,9 +20,9 @@ from controller.cell.batch import (
     OrderedRecipe,
     Outfit,
     Papers,
-    Progress,
     RecoveryPolicy,
     RunOrder,
+    RunProgress,
     RunResult,
     jobs_of,
     new_run_id,
@@ -51,7 +51,7 @@ from ..planning.recipe_check import warn_of
 from ..terminal.output import log_stream, warn
 from .door import OperatorDoor
 from .emulated_parts import feeding, parts_on_table
-from .ends import Ends
+from .ends import CommandEnds
 from .report_file import note_report, warn_no_report
 from .run_output import display, print_result
 
@@ -170,7 +170,7 @@ def run_recipe(options: RunOptions) -> int:
         if not _are_ready(asked.jobs, as_json=as_json):
             return 1
         command = _emulator_command(options, asked)
-        with Ends().heard() as ends, _workers(options, asked) as (pool, ahead):
+        with CommandEnds().heard() as ends, _workers(options, asked) as (pool, ahead):
             with _cell_beside(options, asked, command) as ready:
                 _report_transport(ready)
                 order = _order(options, asked, ready)
@@ -356,7 +356,7 @@ def _run(
     order: RunOrder,
     pool: ProcessPoolExecutor,
     ahead: ProcessPoolExecutor | None,
-    ends: Ends,
+    ends: CommandEnds,
     door: OperatorDoor,
     outfit: Outfit,
     *,
@@ -445,10 +445,10 @@ async def _drive(
     order: RunOrder,
     pool: ProcessPoolExecutor,
     ahead: ProcessPoolExecutor | None,
-    ends: Ends,
+    ends: CommandEnds,
     door: OperatorDoor,
     outfit: Outfit,
-    on_progress: Callable[[Progress], None],
+    on_progress: Callable[[RunProgress], None],
 ) -> RunResult:
     with ExitStack() as stack:
 

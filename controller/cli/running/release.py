@@ -9,11 +9,11 @@ from controller.cell.compute import Job
 from controller.cell.compute.answers import homing_swept, proven_back
 from controller.cell.custody import GripperName
 from controller.cell.custody.openings import Occupancy
-from controller.cell.custody.releasing import ReleaseVisit, Standing
+from controller.cell.custody.releasing import GripperStanding, ReleaseVisit
 from controller.cell.custody.start_check import known_words
 from controller.cell.devices.clocks import find_clock
 from controller.cell.devices.lock import hold_cell
-from controller.cell.recovery import Beside, Bounds, Interrupted, Proposal
+from controller.cell.recovery import Beside, HomingBounds, Interrupted, Proposal
 from controller.config import Cell, ConfigError, load_cell
 from controller.planning.motion import ProvenMove, Swept
 from controller.setup.drivers import require_drivers
@@ -87,7 +87,7 @@ def recover_cell(
 
 
 async def _proposal(
-    visit: ReleaseVisit, standing: Standing, cell: Cell, cell_path: Path, runs_dir: Path
+    visit: ReleaseVisit, standing: GripperStanding, cell: Cell, cell_path: Path, runs_dir: Path
 ) -> Proposal | str | None:
     """Return the proposal for the part, the reason for none, or None if no part is held."""
     if not standing.known:
@@ -95,7 +95,7 @@ async def _proposal(
     if visit.journal is None:
         return "the journal that knew of it is lost"
 
-    async def sweep(left: Interrupted, bounds: Bounds) -> Swept:
+    async def sweep(left: Interrupted, bounds: HomingBounds) -> Swept:
         job = Job(recipe_of(left, runs_dir / left.run), cell_path)
         return await asyncio.to_thread(homing_swept, job, *bounds.arguments)
 
@@ -115,7 +115,7 @@ async def _proposal(
     )
 
 
-def _may_hold(standing: Standing) -> set[GripperName]:
+def _may_hold(standing: GripperStanding) -> set[GripperName]:
     holding = (Occupancy.HOLDS, Occupancy.MAY_HOLD)
     return (
         {one.gripper for one in standing.known}
@@ -124,7 +124,7 @@ def _may_hold(standing: Standing) -> set[GripperName]:
     )
 
 
-def _report(standing: Standing, found: Proposal | str | None) -> None:
+def _report(standing: GripperStanding, found: Proposal | str | None) -> None:
     if standing.notice:
         warn(standing.notice)
     for one in standing.known:
@@ -153,7 +153,7 @@ def _report(standing: Standing, found: Proposal | str | None) -> None:
     print_line("To go on after the part is out: cellctl run RECIPE --part-removed")
 
 
-def _none_held(standing: Standing) -> str:
+def _none_held(standing: GripperStanding) -> str:
     """Return the advice if neither the journal nor a gripper has a part."""
     unread = [
         one.gripper.value for one in standing.openings if one.occupancy is Occupancy.UNREADABLE
@@ -217,7 +217,7 @@ def _proposal_json(found: Proposal | str | None) -> dict[str, object] | None:
 
 
 def _json(
-    standing: Standing, found: Proposal | str | None, custody: str | None
+    standing: GripperStanding, found: Proposal | str | None, custody: str | None
 ) -> dict[str, object]:
     return {
         "event": "recover",

@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.table import Table
 
 from controller.cell.alarms import device_named
-from controller.cell.batch import PartRecord, Progress, RunResult
+from controller.cell.batch import PartRecord, RunProgress, RunResult
 from controller.results.takt import TaktGroup, takt_json, takt_line
 
 from ..terminal.output import (
@@ -46,7 +46,7 @@ class _PatientLive(Live):
 
 
 @contextmanager
-def display(*, as_json: bool) -> Iterator[Callable[[Progress], None]]:
+def display(*, as_json: bool) -> Iterator[Callable[[RunProgress], None]]:
     """Yield a function that shows progress: as JSON lines, a live table, or plain lines."""
     if as_json:
         yield _json_progress
@@ -57,7 +57,7 @@ def display(*, as_json: bool) -> Iterator[Callable[[Progress], None]]:
     else:
         last = [""]
 
-        def plain(progress: Progress) -> None:
+        def plain(progress: RunProgress) -> None:
             line = progress_line(progress)
             if line != last[0]:
                 last[0] = line
@@ -66,7 +66,7 @@ def display(*, as_json: bool) -> Iterator[Callable[[Progress], None]]:
         yield plain
 
 
-def _json_progress(progress: Progress) -> None:
+def _json_progress(progress: RunProgress) -> None:
     emit(
         {
             "event": "progress",
@@ -83,7 +83,7 @@ def _json_progress(progress: Progress) -> None:
     )
 
 
-def progress_line(progress: Progress) -> str:
+def progress_line(progress: RunProgress) -> str:
     """Return the progress of the run in one line, for the operator."""
     step = f" {progress.step}/{progress.step_count}" if progress.step_count else ""
     left = f" ({progress.remaining_s:.0f} s left)" if progress.remaining_s is not None else ""
@@ -92,7 +92,7 @@ def progress_line(progress: Progress) -> str:
     return f"{progress.state}{step}{label}{left}{pose}"
 
 
-def _table(progress: Progress, elapsed_s: float) -> Table:
+def _table(progress: RunProgress, elapsed_s: float) -> Table:
     table = Table.grid(padding=(0, 2))
     table.add_row("state", progress.state)
     if progress.step_count:

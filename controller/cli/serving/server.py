@@ -47,9 +47,9 @@ def serve_page(
     from controller.page.security import (
         Account,
         Accounts,
+        PageAddress,
         Role,
         Sessions,
-        Site,
         accounts_path,
         sessions_path,
     )
@@ -72,9 +72,9 @@ def serve_page(
         )
     try:
         site = (
-            Site.served(host, port, with_tls=cert is not None, names=names)
+            PageAddress.served(host, port, with_tls=cert is not None, names=names)
             if behind is None
-            else Site.behind(behind)
+            else PageAddress.behind(behind)
         )
     except ValueError as error:
         raise ConfigError(f"--behind: {error}") from error

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from controller.results.gauge import (
     CharacteristicGauge,
-    Evidence,
+    StudySources,
     gauge_row,
     kept_studies,
     read_references,
@@ -68,7 +68,7 @@ def report_gauge(
     parts = {r.part for r in found.readings}
     references = read_references(reference, measured, parts) if reference else []
     gauges = study_readings(found.readings, references)
-    evidence = Evidence(
+    evidence = StudySources(
         datetime.now(UTC),
         found.part,
         found.cad_sha256,

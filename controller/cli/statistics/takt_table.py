@@ -16,7 +16,7 @@ from controller.results.takt import (
     PartTakt,
     RunTakt,
     TaktGroup,
-    Use,
+    TimeUse,
     grouped,
     takt_json,
     takts_of,
@@ -58,12 +58,12 @@ def report_takt(runs_dir: Path, chosen: Chosen, by: str, *, as_json: bool) -> in
     elif not groups:
         print_line("no part fits")
     else:
-        used = [use for use in Use if any(shown(group.seconds[use]) for group in groups)]
+        used = [use for use in TimeUse if any(shown(group.seconds[use]) for group in groups)]
         columns = (by, *COLUMNS, *(use.value.replace("_", " ") for use in used), "")
         rows = [_row(group, used) for group in groups]
         print_table(Table(box=box.SIMPLE_HEAD), columns, rows, TEXT_COLUMNS)
         print_line(
-            f"cell seconds; busy is {', '.join(use.value for use in Use if use in BUSY)}, as a "
+            f"cell seconds; busy is {', '.join(use.value for use in TimeUse if use in BUSY)}, as a "
             "share of Execute; rest is what no rule names"
         )
     return 0
@@ -100,7 +100,7 @@ def shown(seconds: float) -> str:
     return num(seconds) if seconds >= 0.05 else ""
 
 
-def _row(group: TaktGroup, used: Sequence[Use]) -> tuple[str, ...]:
+def _row(group: TaktGroup, used: Sequence[TimeUse]) -> tuple[str, ...]:
     share = group.busy_share
     is_timed = group.forecast_s > 0 and group.has_cell_clock
     ratio = group.forecast_took_s / group.forecast_s if is_timed else None

@@ -9,10 +9,10 @@ from rich.table import Table
 from controller.config import ConfigError
 from controller.history import (
     GROUPS,
+    EventCount,
     Figures,
     Filters,
     Group,
-    Tally,
     figures,
     group_json,
     tally_json,
@@ -102,7 +102,7 @@ def _emit(found: Figures, by: str) -> None:
             emit({"event": what, **tally_json(what, tally)})
 
 
-def _tallies(found: Figures) -> dict[str, tuple[Tally, ...]]:
+def _tallies(found: Figures) -> dict[str, tuple[EventCount, ...]]:
     return {"finding": found.findings, "recovery": found.recoveries, "alarm": found.alarms}
 
 

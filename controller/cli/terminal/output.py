@@ -17,9 +17,9 @@ from typing import IO, Any, TextIO, cast
 
 from rich.console import Console
 
-from .relay import Relay, write_whole
+from .relay import TextRelay, write_whole
 
-_relays: dict[str, Relay] = {}  # by the stream's name, while a thread writes
+_relays: dict[str, TextRelay] = {}  # by the stream's name, while a thread writes
 
 
 class _Door:
@@ -108,9 +108,9 @@ def relayed() -> Iterator[None]:
         return
     for door in (_out, _err):
         door.flush()
-    out = Relay()
+    out = TextRelay()
     # in their order, where both are one terminal or one file
-    _relays.update(stdout=out, stderr=out if _is_one_file() else Relay())
+    _relays.update(stdout=out, stderr=out if _is_one_file() else TextRelay())
     try:
         yield
     finally:

@@ -18,7 +18,7 @@ EVERY_S = 5.0  # seconds between lines; each stage after the first also begins w
 
 
 @dataclass(eq=False, slots=True)
-class Progress:
+class PartProgress:
     """The progress lines of the work on one part.
 
     Attributes
@@ -69,7 +69,7 @@ class Progress:
 
 
 @contextmanager
-def shown_progress(name: str, *, as_json: bool) -> Iterator[Progress]:
+def shown_progress(name: str, *, as_json: bool) -> Iterator[PartProgress]:
     """Yield the progress of one part, printed on stderr while it lasts.
 
     Parameters
@@ -77,7 +77,7 @@ def shown_progress(name: str, *, as_json: bool) -> Iterator[Progress]:
     name : name of the part
     as_json : print JSON objects, one a line
     """
-    progress = Progress(name, as_json)
+    progress = PartProgress(name, as_json)
     thread = threading.Thread(target=progress.watch, name="progress", daemon=True)
     thread.start()
     try:

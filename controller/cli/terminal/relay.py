@@ -22,7 +22,7 @@ END_WALL_S: Final = 10.0  # longest wait for the reader; until then nobody else 
 Write = Callable[[str], None]
 
 
-class Relay:
+class TextRelay:
     """Passes texts on in order, from a queue that delays nobody.
 
     Attributes

@@ -8,13 +8,13 @@ from ._calibrate import calibrate
 from ._corners import refine_corners
 from ._types import (
     PARAMETERS,
-    Calibration,
+    CalibratedCamera,
     CalibrationError,
     CalibrationLimits,
     Charuco,
     Chessboard,
     FoundBoard,
-    Placed,
+    PlacedBoard,
     TableUncertainty,
     Target,
     View,
@@ -24,14 +24,14 @@ from ._types import (
 
 __all__ = [
     "PARAMETERS",
-    "Calibration",
+    "CalibratedCamera",
     "CalibrationError",
     "CalibrationLimits",
     "Charuco",
     "Chessboard",
     "FoundBoard",
     "NoBoardError",
-    "Placed",
+    "PlacedBoard",
     "TableUncertainty",
     "Target",
     "View",

@@ -12,7 +12,7 @@ from controller.imaging import Camera, inverse_pose
 from ._lens import PINHOLE, likeliest
 from ._types import (
     PARAMETERS,
-    Calibration,
+    CalibratedCamera,
     CalibrationError,
     CalibrationLimits,
     View,
@@ -20,7 +20,7 @@ from ._types import (
     WorldFrame,
 )
 from .refusals import area_px, check_fit, check_placed, check_uncertainty, check_views, hull_of
-from .solve import Fit, solve, start
+from .solve import CalibrationFit, solve, start
 from .uncertainty import Spread, held_sizes, on_table, position_std_mm, spread, tilt_rad
 
 _TABLE_HEIGHTS_MM: Final = (0.0, 40.0)  # the table, and the top of a tall part
@@ -42,7 +42,7 @@ def calibrate(
     size_px: tuple[int, int],
     world: WorldFrame,
     limits: CalibrationLimits = CalibrationLimits(),  # noqa: B008 - frozen
-) -> Calibration:
+) -> CalibratedCamera:
     """Return the camera that agrees best with the boards of all views.
 
     The Bayesian information criterion decides which distortion terms are free: a term stays if it
@@ -89,7 +89,7 @@ def _even(views: Sequence[View]) -> tuple[FloatArray, ...]:
     return tuple(np.ones(len(view.board.pixels)) for view in views)
 
 
-def _weigh(fit: Fit, limits: CalibrationLimits) -> _Weights:
+def _weigh(fit: CalibrationFit, limits: CalibrationLimits) -> _Weights:
     """Return weights by each picture's own noise; outliers have weight 0."""
     # of a two-dimensional normal distribution the median distance is 1.177 standard deviations
     distances = [np.linalg.norm(r, axis=1) for r in fit.residuals_px]
@@ -105,7 +105,9 @@ def _weigh(fit: Fit, limits: CalibrationLimits) -> _Weights:
     )
 
 
-def _residuals(views: Sequence[View], fit: Fit, weights: _Weights) -> tuple[ViewResidual, ...]:
+def _residuals(
+    views: Sequence[View], fit: CalibrationFit, weights: _Weights
+) -> tuple[ViewResidual, ...]:
     R_cam_world = fit.solution.T_cam_world[:3, :3]
     out = []
     for view, r, w, T in zip(
@@ -130,13 +132,13 @@ def _residuals(views: Sequence[View], fit: Fit, weights: _Weights) -> tuple[View
 def _described(
     size_px: tuple[int, int],
     world: WorldFrame,
-    fit: Fit,
+    fit: CalibrationFit,
     found: Spread,
     held: dict[str, float],
     weights: _Weights,
     residuals: tuple[ViewResidual, ...],
     hull_px: FloatArray,
-) -> Calibration:
+) -> CalibratedCamera:
     x = fit.solution.intrinsics
     K = np.array([[x[0], 0, x[2]], [0, x[1], x[3]], [0, 0, 1.0]])
     camera = Camera(size_px, K, x[4:].copy(), inverse_pose(fit.solution.T_cam_world))
@@ -145,7 +147,7 @@ def _described(
     used = np.concatenate(
         [r[w > 0] for r, w in zip(fit.residuals_px, weights.of_views, strict=True)]
     )
-    return Calibration(
+    return CalibratedCamera(
         camera=camera,
         free=fit.free,
         std={name: float(s) for name, s in zip(PARAMETERS, std, strict=False) if name in fit.free},

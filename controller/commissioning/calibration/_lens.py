@@ -8,7 +8,7 @@ import numpy as np
 from controller.arrays import FloatArray
 
 from ._types import PARAMETERS, CalibrationError, View, WorldFrame
-from .solve import Fit, solve
+from .solve import CalibrationFit, solve
 from .uncertainty import Spread
 
 PINHOLE: Final = ("fx", "fy", "cx", "cy")
@@ -24,12 +24,12 @@ _SLOPE_MIN: Final = 0.2
 
 def likeliest(
     views: Sequence[View],
-    everything: Fit,
+    everything: CalibrationFit,
     loose: Spread,
     size_px: tuple[int, int],
     world: WorldFrame,
     weights: Sequence[FloatArray],
-) -> Fit:
+) -> CalibrationFit:
     """Return the fit of the lens with the least Bayesian information criterion.
 
     The cost of holding terms at 0 follows from the fit with all of them free: it is the squared

@@ -19,7 +19,7 @@ class CalibrationError(Exception):
     """The views do not determine the camera; the message says what to do about it."""
 
 
-class Placed(StrEnum):
+class PlacedBoard(StrEnum):
     """Placement of a board in a picture."""
 
     FLAT = "flat"  # on the table
@@ -91,7 +91,7 @@ class View:
     """A picture's board and its placement."""
 
     name: str
-    placed: Placed
+    placed: PlacedBoard
     board: FoundBoard
 
 
@@ -137,7 +137,7 @@ class ViewResidual:
     """The residuals of one picture after the fit."""
 
     name: str
-    placed: Placed
+    placed: PlacedBoard
     corner_count: int
     outlier_count: int
     rms_px: float  # rms of the distance
@@ -167,7 +167,7 @@ class TableUncertainty:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Calibration:
+class CalibratedCamera:
     """A camera, its agreement with the pictures, and its uncertainty.
 
     Attributes

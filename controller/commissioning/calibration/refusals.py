@@ -8,10 +8,10 @@ import numpy as np
 from controller.arrays import FloatArray
 
 from ._types import (
-    Calibration,
+    CalibratedCamera,
     CalibrationError,
     CalibrationLimits,
-    Placed,
+    PlacedBoard,
     View,
     ViewResidual,
     WorldFrame,
@@ -50,7 +50,7 @@ def check_views(
     """
     if len({view.name for view in views}) < len(views):
         raise ValueError("two views have the same name")
-    flat = [view.name for view in views if view.placed is Placed.FLAT]
+    flat = [view.name for view in views if view.placed is PlacedBoard.FLAT]
     if world.name not in flat:
         raise ValueError(f"the world is fixed by {world.name}, which is not a flat view")
     for view in views:
@@ -97,7 +97,7 @@ def check_placed(
     CalibrationError : a flat board is tilted, or too few of the tilted ones are
     """
     normals = np.array([T[:3, 2] for T in T_cam_boards])
-    is_flat = np.array([view.placed is Placed.FLAT for view in views])
+    is_flat = np.array([view.placed is PlacedBoard.FLAT for view in views])
     up = np.median(normals[is_flat], axis=0)
     tilt = np.arccos(np.clip(normals @ (up / np.linalg.norm(up)), -1, 1))
     for view, flat, angle in zip(views, is_flat, tilt, strict=True):
@@ -161,7 +161,7 @@ def check_fit(
         )
 
 
-def check_uncertainty(calibration: Calibration, limits: CalibrationLimits) -> None:
+def check_uncertainty(calibration: CalibratedCamera, limits: CalibrationLimits) -> None:
     """Check that the pictures determine the camera.
 
     Raises

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from controller.arrays import FloatArray
 from controller.imaging import inverse_pose
 
-from ._types import PARAMETERS, CalibrationError, Placed, View, WorldFrame
+from ._types import PARAMETERS, CalibrationError, PlacedBoard, View, WorldFrame
 
 # In weighted residuals: the start is near the solution, so full Gauss-Newton steps are allowed.
 _FIRST_STEP: Final = 1e4
@@ -42,7 +42,7 @@ class CalibrationSolution:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class CalibrationFit:
     """A solution, its residuals and their Jacobian.
 
     Attributes
@@ -61,7 +61,7 @@ class Fit:
 
     def is_on_table(self, view: View) -> bool:
         """Return whether a view's board is posed in the world and not in the camera."""
-        return view.placed is Placed.FLAT
+        return view.placed is PlacedBoard.FLAT
 
 
 def project(
@@ -126,7 +126,7 @@ def start(
     for i, (view, T_cam_board) in enumerate(zip(views, T_cam_boards, strict=True)):
         if i == anchor:
             placed.append(T_world_anchor)
-        elif view.placed is Placed.FLAT:
+        elif view.placed is PlacedBoard.FLAT:
             T = inverse_pose(T_cam_world) @ T_cam_board
             angle = np.arctan2(T[1, 0] - T[0, 1], T[0, 0] + T[1, 1])
             placed.append(_on_table(angle, T[0, 3], T[1, 3], world.origin_mm[2]))
@@ -141,7 +141,7 @@ def solve(
     free: tuple[str, ...],
     world: WorldFrame,
     weights: Sequence[FloatArray],
-) -> Fit:
+) -> CalibrationFit:
     """Return the least-squares fit from a first solution.
 
     Parameters
@@ -191,7 +191,7 @@ def solve(
     raw, _ = whole.evaluate(still, at, [np.ones(len(v.board.pixels)) for v in views])
     ends = np.cumsum([len(v.board.pixels) for v in views])[:-1]
     parts = tuple(-p for p in np.split(raw.reshape(-1, 2), ends))
-    return Fit(at, free, parts, jac, float(r @ r))
+    return CalibrationFit(at, free, parts, jac, float(r @ r))
 
 
 class _Layout:
@@ -208,7 +208,7 @@ class _Layout:
             kind = "anchor" if view.name == world.name else str(view.placed)
             self._kinds.append(kind)
             self._first.append(at)
-            at += {"anchor": 0, Placed.FLAT.value: 3}.get(kind, 6)
+            at += {"anchor": 0, PlacedBoard.FLAT.value: 3}.get(kind, 6)
         self.size = at
 
     def apply(self, x: FloatArray, origin: CalibrationSolution) -> CalibrationSolution:
@@ -219,7 +219,7 @@ class _Layout:
         for kind, at, T in zip(self._kinds, self._first, origin.T_ref_board, strict=True):
             if kind == "anchor":
                 placed.append(T)
-            elif kind == Placed.FLAT.value:
+            elif kind == PlacedBoard.FLAT.value:
                 angle = np.arctan2(T[1, 0], T[0, 0]) + x[at + 2]
                 placed.append(_on_table(angle, T[0, 3] + x[at], T[1, 3] + x[at + 1], T[2, 3]))
             else:
@@ -246,7 +246,7 @@ class _Layout:
             board = np.column_stack([view.board.board_mm, np.zeros(n)])
             T, at = at_x.T_ref_board[i], self._first[i]
             p_ref = board @ T[:3, :3].T + T[:3, 3]
-            tilted = self._kinds[i] == Placed.TILTED.value
+            tilted = self._kinds[i] == PlacedBoard.TILTED.value
             p_cam = p_ref if tilted else p_ref @ R_cam_world.T + at_x.T_cam_world[:3, 3]
             pixels, by_point, by_lens = project(p_cam, at_x.intrinsics)
             w = weights[i][:, None]
@@ -261,7 +261,7 @@ class _Layout:
             about = p_cam - at_x.T_cam_world[:3, 3]
             by_pose[:, :, :3] = by_turn(by_point, about, x[c : c + 3])
             jac[rows, :, c : c + 6] = by_pose * w
-            if self._kinds[i] == Placed.FLAT.value:
+            if self._kinds[i] == PlacedBoard.FLAT.value:
                 by_world = by_point @ R_cam_world
                 arm = p_ref - T[:3, 3]
                 jac[rows, :, at : at + 2] = by_world[:, :, :2] * w

@@ -17,7 +17,7 @@ from controller.arrays import FloatArray
 from controller.imaging import Camera
 
 from ._types import PARAMETERS, TableUncertainty
-from .solve import Fit, by_turn, project
+from .solve import CalibrationFit, by_turn, project
 
 # Each term of the lens's series is taken as this share of the term before, at the picture's
 # corners, since the series converges.
@@ -46,13 +46,13 @@ class Spread:
     focal_height: float
 
 
-def free_columns(fit: Fit) -> FloatArray:
+def free_columns(fit: CalibrationFit) -> FloatArray:
     """Return the Jacobian's columns of the free unknowns."""
     held = [i for i, name in enumerate(PARAMETERS) if name not in fit.free]
     return np.delete(fit.jac, held, axis=1)
 
 
-def spread(fit: Fit, held_std: Mapping[str, float]) -> Spread:
+def spread(fit: CalibrationFit, held_std: Mapping[str, float]) -> Spread:
     """Return the covariance of a fit.
 
     Parameters
@@ -93,7 +93,7 @@ def spread(fit: Fit, held_std: Mapping[str, float]) -> Spread:
     return Spread(cov, noise_cov, noise, float(singular[0] / singular[-1]), float(focal_height))
 
 
-def held_sizes(fit: Fit, size_px: tuple[int, int], loose: Spread) -> dict[str, float]:
+def held_sizes(fit: CalibrationFit, size_px: tuple[int, int], loose: Spread) -> dict[str, float]:
     """Return the standard deviation of each held distortion term.
 
     Parameters
@@ -121,7 +121,7 @@ def held_sizes(fit: Fit, size_px: tuple[int, int], loose: Spread) -> dict[str, f
     return {name: s for name, s in sizes.items() if name not in fit.free}
 
 
-def position_std_mm(fit: Fit, found: Spread) -> FloatArray:
+def position_std_mm(fit: CalibrationFit, found: Spread) -> FloatArray:
     """Return the standard deviation (3,) of the camera's position in the world."""
     T = fit.solution.T_cam_world
     R, t = T[:3, :3], T[:3, 3]
@@ -131,7 +131,7 @@ def position_std_mm(fit: Fit, found: Spread) -> FloatArray:
     return std
 
 
-def tilt_rad(fit: Fit, found: Spread) -> tuple[float, float]:
+def tilt_rad(fit: CalibrationFit, found: Spread) -> tuple[float, float]:
     """Return the angle between the optical axis and the vertical, and its standard deviation."""
     R = fit.solution.T_cam_world[:3, :3]
     lean = R[2, :2]  # the optical axis's horizontal part, in the world
@@ -146,7 +146,7 @@ def tilt_rad(fit: Fit, found: Spread) -> tuple[float, float]:
 
 
 def on_table(
-    camera: Camera, fit: Fit, found: Spread, hull_px: FloatArray, height_mm: float
+    camera: Camera, fit: CalibrationFit, found: Spread, hull_px: FloatArray, height_mm: float
 ) -> TableUncertainty:
     """Return the uncertainty of pixels projected to the plane z = height, over the whole picture.
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, Grey
-from controller.commissioning.kinematics import CellFit, Fault
+from controller.commissioning.kinematics import CellFit, KinematicsFault
 from controller.commissioning.kinematics.noise import Whitening
 from controller.imaging.edges import measure_edges
 
@@ -108,12 +108,12 @@ class TcpFit:
     ray_count: int
     rms_px: float
 
-    def faults(self, limit_mm: float = 1.5) -> tuple[Fault, ...]:
+    def faults(self, limit_mm: float = 1.5) -> tuple[KinematicsFault, ...]:
         """Return whether pads are missing, by an opening larger than the counter means."""
         if self.jaw_zero_mm - 2.0 * self.u_mm < limit_mm:
             return ()
         return (
-            Fault(
+            KinematicsFault(
                 "pads_missing",
                 "arm gripper",
                 f"the jaws are {self.jaw_zero_mm:.1f} mm wider open than their counter means, "

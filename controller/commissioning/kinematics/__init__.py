@@ -6,21 +6,21 @@ then `calibrate_cell`.
 
 from ._types import (
     BoardPicture,
-    Bounds,
     CameraPrior,
     CellPrior,
-    Face,
-    Grasp,
     KinematicsError,
     Placing,
+    PlateGrasp,
+    PrintedPattern,
+    SetupBounds,
     base_std,
     clamped_std,
     even_std,
 )
 from .arm import ArmUnknown, KinematicArm
-from .choosing import Candidate, Choice, choose, predicted_picture
-from .faults import BoardAgain, Fault, FaultLimits, board_again, find_faults
-from .layout import Layout
+from .choosing import ConfigurationChoice, PoseCandidate, choose, predicted_picture
+from .faults import BoardAgain, FaultLimits, KinematicsFault, board_again, find_faults
+from .layout import UnknownsLayout
 from .play import HomingScatter, Play, StopPicture, measure_homing, measure_play
 from .proven import ProvenFit, calibrate_and_prove
 from .solve import CellFit, PictureFit, calibrate_cell
@@ -38,26 +38,26 @@ __all__ = [
     "ArmUnknown",
     "BoardAgain",
     "BoardPicture",
-    "Bounds",
     "CameraPrior",
-    "Candidate",
     "CellFit",
     "CellPrior",
-    "Choice",
-    "Face",
-    "Fault",
+    "ConfigurationChoice",
     "FaultLimits",
-    "Grasp",
     "HomingScatter",
     "KinematicArm",
     "KinematicsError",
-    "Layout",
+    "KinematicsFault",
     "PictureFit",
     "Placing",
+    "PlateGrasp",
     "Play",
+    "PoseCandidate",
     "PoseUncertainty",
+    "PrintedPattern",
     "ProvenFit",
+    "SetupBounds",
     "StopPicture",
+    "UnknownsLayout",
     "aim_uncertainty_mm",
     "base_std",
     "board_again",

@@ -48,7 +48,7 @@ class BoardPicture:
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class SetupBounds:
     """Bounds on the errors of a cell set up with a tape measure (docs/adr/0041)."""
 
     camera_mm: float = 5.0
@@ -80,7 +80,7 @@ class CameraPrior:
     distortion: tuple[float, ...]
 
     @classmethod
-    def within(cls, nominal: Camera, bounds: Bounds = Bounds()) -> "CameraPrior":
+    def within(cls, nominal: Camera, bounds: SetupBounds = SetupBounds()) -> "CameraPrior":
         """Return the prior of a camera with every quantity within its bound."""
         # the tilt of the table turns the camera about the middle of the table
         high = abs(float(nominal.position_mm[2]))
@@ -101,7 +101,7 @@ _PRINT_SCALE: Final = even_std(0.0002)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Face:
+class PrintedPattern:
     """One printed pattern.
 
     Attributes
@@ -137,7 +137,7 @@ class Placing:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Grasp:
+class PlateGrasp:
     """The plate between the jaws: the same for all pictures until the jaws open.
 
     Attributes
@@ -166,16 +166,16 @@ class CellPrior:
     """
 
     cameras: Mapping[str, CameraPrior]
-    faces: Mapping[str, Face]
+    faces: Mapping[str, PrintedPattern]
     placings: Mapping[str, Placing]
-    grasps: Mapping[str, Grasp]
+    grasps: Mapping[str, PlateGrasp]
     arm: KinematicArm
     T_world_arm: FloatArray
     base_std: FloatArray
     joint_std: FloatArray
 
 
-def base_std(bounds: Bounds = Bounds(), *, lever_mm: float = 360.0) -> FloatArray:
+def base_std(bounds: SetupBounds = SetupBounds(), *, lever_mm: float = 360.0) -> FloatArray:
     """Return the standard deviations (6,) of the base's rotation [rad] and translation [mm].
 
     Parameters

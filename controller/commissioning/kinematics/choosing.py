@@ -20,7 +20,7 @@ from controller.commissioning.calibration import FoundBoard
 from controller.imaging import inverse_pose, transform
 
 from ._types import BoardPicture, CellPrior
-from .layout import Layout, PictureTerms
+from .layout import PictureTerms, UnknownsLayout
 from .noise import whitening
 
 _MARGIN_PX: Final = 40.0  # a cell as-built shows the board elsewhere in the picture
@@ -29,7 +29,7 @@ _CORNERS_MIN: Final = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
+class PoseCandidate:
     """A configuration for a picture, free of contact according to the caller."""
 
     camera: str
@@ -39,7 +39,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Choice:
+class ConfigurationChoice:
     """Configurations to go to.
 
     Attributes
@@ -55,7 +55,11 @@ class Choice:
 
 
 def predicted_picture(
-    layout: Layout, x: FloatArray, candidate: Candidate, corners_mm: FloatArray, name: str = ""
+    layout: UnknownsLayout,
+    x: FloatArray,
+    candidate: PoseCandidate,
+    corners_mm: FloatArray,
+    name: str = "",
 ) -> BoardPicture | None:
     """Return the expected picture of a configuration, None if it does not show the board.
 
@@ -90,13 +94,13 @@ def predicted_picture(
 
 def choose(
     prior: CellPrior,
-    candidates: Sequence[Candidate],
+    candidates: Sequence[PoseCandidate],
     corners_mm: Mapping[str, FloatArray],
     count: int,
     *,
     on_table: Sequence[BoardPicture] = (),
     noise_px: float = 0.05,
-) -> Choice:
+) -> ConfigurationChoice:
     """Return the candidates that together determine the unknowns best.
 
     Parameters
@@ -108,7 +112,7 @@ def choose(
     on_table : pictures of the board on the table, which are there in any case
     noise_px : standard deviation expected of a corner's u or v
     """
-    layout = Layout(prior)
+    layout = UnknownsLayout(prior)
     x = np.zeros(layout.size)
     cov = np.eye(layout.size)  # in units of the prior's spread
     for terms in layout.evaluate(x, on_table):
@@ -136,11 +140,11 @@ def choose(
             cov = _learnt(cov, *brings[i])
         else:
             heapq.heappush(heap, (-_gain(cov, *brings[i]), i, len(chosen)))
-    return Choice(tuple(chosen), tuple(gains), np.sqrt(np.diag(cov)) * layout.std)
+    return ConfigurationChoice(tuple(chosen), tuple(gains), np.sqrt(np.diag(cov)) * layout.std)
 
 
 def _information(
-    layout: Layout, terms: PictureTerms, noise_px: float, joint_std: FloatArray
+    layout: UnknownsLayout, terms: PictureTerms, noise_px: float, joint_std: FloatArray
 ) -> tuple[FloatArray, IndexArray]:
     """Return rows (k, c) with a picture's information as their squares, and their columns (c,)."""
     used = np.ones(len(terms.residual_px), dtype=bool)

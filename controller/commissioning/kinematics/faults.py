@@ -21,7 +21,7 @@ from controller.imaging import Camera
 
 from ..calibration import FoundBoard
 from ._types import BoardPicture, CellPrior, KinematicsError
-from .layout import Layout, PictureTerms
+from .layout import PictureTerms, UnknownsLayout
 from .noise import whitening
 from .play import Play
 from .solve import CellFit, calibrate_cell, stacked
@@ -51,7 +51,7 @@ class FaultLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class KinematicsFault:
     """Something wrong.
 
     Attributes
@@ -73,7 +73,7 @@ def find_faults(
     *,
     play: Mapping[str, Play] | None = None,
     limits: FaultLimits = FaultLimits(),
-) -> tuple[Fault, ...]:
+) -> tuple[KinematicsFault, ...]:
     """Return the faults, causes before consequences; empty where all is well.
 
     Parameters
@@ -103,7 +103,7 @@ class BoardAgain:
     moved_mm: float
     turned_rad: float
     grown: float
-    fault: Fault | None
+    fault: KinematicsFault | None
 
 
 def board_again(
@@ -151,7 +151,7 @@ def board_again(
     )
     fault = None
     if is_moved:
-        fault = Fault(
+        fault = KinematicsFault(
             "camera_moved",
             name,
             f"the camera {name} was moved while pictures were taken: it sees the board at its "
@@ -163,9 +163,9 @@ def board_again(
     return BoardAgain(moved_mm, turned, grown, fault)
 
 
-def _backlash(play: Mapping[str, Play], limits: FaultLimits) -> tuple[Fault, ...]:
+def _backlash(play: Mapping[str, Play], limits: FaultLimits) -> tuple[KinematicsFault, ...]:
     return tuple(
-        Fault(
+        KinematicsFault(
             "backlash",
             motor,
             f"the gears of {motor} have {degrees(one.rad):.2f} deg of play, "
@@ -178,9 +178,9 @@ def _backlash(play: Mapping[str, Play], limits: FaultLimits) -> tuple[Fault, ...
 
 def _likeliest(
     prior: CellPrior, pictures: Sequence[BoardPicture], fit: CellFit, limits: FaultLimits
-) -> tuple[Fault, ...]:
+) -> tuple[KinematicsFault, ...]:
     """Return the fault that explains the pictures far better than none, and best of all."""
-    rivals: list[tuple[float, tuple[Fault, ...]]] = []
+    rivals: list[tuple[float, tuple[KinematicsFault, ...]]] = []
     for attempt in (_scaled, _camera_moved, _slipped):
         try:
             rivals += attempt(prior, pictures, fit, limits)
@@ -192,7 +192,7 @@ def _likeliest(
 
 def _scaled(
     prior: CellPrior, pictures: Sequence[BoardPicture], fit: CellFit, limits: FaultLimits
-) -> list[tuple[float, tuple[Fault, ...]]]:
+) -> list[tuple[float, tuple[KinematicsFault, ...]]]:
     """Return the likelihood of the pictures with prints of any size, and the prints that are wrong.
 
     A whole cell that is enlarged looks the same to its cameras: only the arm, whose lengths and
@@ -213,7 +213,7 @@ def _scaled(
             continue
         if abs(scale) > limits.other_board:
             faults.append(
-                Fault(
+                KinematicsFault(
                     "board_file",
                     name,
                     f"the squares of {name} are {1 + scale:.3f} times as large as its file has "
@@ -222,7 +222,7 @@ def _scaled(
             )
         else:
             faults.append(
-                Fault(
+                KinematicsFault(
                     "board_scaled",
                     name,
                     f"the print {name} is {100 * abs(scale):.2f} % too "
@@ -235,9 +235,9 @@ def _scaled(
 
 def _camera_moved(
     prior: CellPrior, pictures: Sequence[BoardPicture], fit: CellFit, limits: FaultLimits
-) -> list[tuple[float, tuple[Fault, ...]]]:
+) -> list[tuple[float, tuple[KinematicsFault, ...]]]:
     """Return the likelihood of the pictures if a camera moved at the likeliest time, for each."""
-    out: list[tuple[float, tuple[Fault, ...]]] = []
+    out: list[tuple[float, tuple[KinematicsFault, ...]]] = []
     for camera in prior.cameras:
         columns = fit.layout.where(camera)
         own = [i for i, p in enumerate(pictures) if p.camera == camera]
@@ -255,9 +255,9 @@ def _camera_moved(
 
 def _slipped(
     prior: CellPrior, pictures: Sequence[BoardPicture], fit: CellFit, limits: FaultLimits
-) -> list[tuple[float, tuple[Fault, ...]]]:
+) -> list[tuple[float, tuple[KinematicsFault, ...]]]:
     """Return the likelihood of the pictures if the plate slipped in the jaws, for each grasp."""
-    out: list[tuple[float, tuple[Fault, ...]]] = []
+    out: list[tuple[float, tuple[KinematicsFault, ...]]] = []
     for grasp, held in prior.grasps.items():
         columns = fit.layout.where(f"{grasp}.grasp")
         own = [i for i, p in enumerate(pictures) if p.held_as == grasp]
@@ -284,7 +284,7 @@ def _slipped(
 
 def _moved(
     kind: str, subject: str, by: FloatArray, since: str, limits: FaultLimits
-) -> Fault | None:
+) -> KinematicsFault | None:
     """Return the fault of an object that moved (6,) [rad, mm], if it is large enough."""
     turn, shift = float(np.linalg.norm(by[:3])), float(np.linalg.norm(by[3:]))
     if turn < limits.moved_rad and shift < limits.moved_mm:
@@ -293,7 +293,7 @@ def _moved(
         "camera_moved": f"the camera {subject} was moved",
         "plate_slipped": f"the plate slipped in the jaws ({subject})",
     }[kind]
-    return Fault(
+    return KinematicsFault(
         kind,
         subject,
         f"{what} by {shift:.1f} mm and {degrees(turn):.2f} deg before picture {since}; "
@@ -371,7 +371,7 @@ def _columns(terms: PictureTerms, columns: slice) -> FloatArray:
     return out
 
 
-def _odd_pictures(fit: CellFit, limits: FaultLimits) -> tuple[Fault, ...]:
+def _odd_pictures(fit: CellFit, limits: FaultLimits) -> tuple[KinematicsFault, ...]:
     """Return pictures far off the cell, compared with their own kind.
 
     One picture that is far off makes the joints appear loose, and all others too good.
@@ -379,7 +379,7 @@ def _odd_pictures(fit: CellFit, limits: FaultLimits) -> tuple[Fault, ...]:
     held = [one for one in fit.pictures if one.is_held]
     usual = float(np.median([one.off_sigma for one in held])) if held else 1.0
     return tuple(
-        Fault(
+        KinematicsFault(
             "picture",
             one.name,
             f"{one.name} shows the board {one.off_sigma / usual:.0f} times as far from where the "
@@ -390,14 +390,14 @@ def _odd_pictures(fit: CellFit, limits: FaultLimits) -> tuple[Fault, ...]:
     )
 
 
-def _out_of_bounds(fit: CellFit, limits: FaultLimits) -> tuple[Fault, ...]:
-    layout: Layout = fit.layout
+def _out_of_bounds(fit: CellFit, limits: FaultLimits) -> tuple[KinematicsFault, ...]:
+    layout: UnknownsLayout = fit.layout
     out = []
     for name, x, known, std in zip(layout.names, fit.x, fit.std, layout.std, strict=True):
         off = (abs(float(x)) - 2.0 * float(known)) / float(std)  # what is certain of it
         if off > limits.prior_sigma and ".placed." not in name:
             out.append(
-                Fault(
+                KinematicsFault(
                     "out_of_bounds",
                     name,
                     f"{name} is {float(x):+.4g} off its drawing, at least {off:.1f} standard "

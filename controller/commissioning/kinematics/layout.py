@@ -46,7 +46,7 @@ class PictureTerms:
     by_board: FloatArray
 
 
-class Layout:
+class UnknownsLayout:
     """Names, prior spread and meaning of the unknowns of one cell.
 
     Parameters
@@ -197,7 +197,7 @@ class Layout:
 class _Chain:
     """One picture's points on their path from the board to the pixels."""
 
-    def __init__(self, layout: Layout, x: FloatArray, picture: BoardPicture) -> None:
+    def __init__(self, layout: UnknownsLayout, x: FloatArray, picture: BoardPicture) -> None:
         self._layout, self._x, self._picture = layout, x, picture
         self._columns: list[IndexArray] = []
         self._by_world: list[FloatArray] = []  # (n, 3, m) derivatives of the points in the world

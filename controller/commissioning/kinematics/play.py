@@ -15,7 +15,7 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray
 
 from ._types import BoardPicture, KinematicsError
-from .layout import Layout, PictureTerms
+from .layout import PictureTerms, UnknownsLayout
 from .noise import corner_noise_px, in_line, whitening
 from .uncertainty import radius_u
 
@@ -69,7 +69,7 @@ class HomingScatter:
 
 
 def measure_play(
-    layout: Layout,
+    layout: UnknownsLayout,
     x: FloatArray,
     stops: Sequence[StopPicture],
     motors: Mapping[str, FloatArray],
@@ -126,7 +126,7 @@ def measure_play(
 
 
 def measure_homing(
-    layout: Layout, x: FloatArray, stops: Sequence[StopPicture], homings: Sequence[int]
+    layout: UnknownsLayout, x: FloatArray, stops: Sequence[StopPicture], homings: Sequence[int]
 ) -> HomingScatter:
     """Return the repeatability of homing.
 
@@ -179,7 +179,7 @@ def _check_both_sides(motor: str, stops: Sequence[StopPicture]) -> None:
 
 
 def _measured(
-    layout: Layout, x: FloatArray, pictures: Sequence[BoardPicture]
+    layout: UnknownsLayout, x: FloatArray, pictures: Sequence[BoardPicture]
 ) -> tuple[list[PictureTerms], float, list[BoolArray]]:
     """Return the pictures' terms, the noise of their corners [px], and which corners count."""
     terms = layout.evaluate(x, pictures)
@@ -192,7 +192,7 @@ def _measured(
 
 
 def _joint_shift(
-    layout: Layout, terms: PictureTerms, used: BoolArray, noise_px: float
+    layout: UnknownsLayout, terms: PictureTerms, used: BoolArray, noise_px: float
 ) -> FloatArray:
     """Return the difference between the joints (6,) and their counters in one picture.
 

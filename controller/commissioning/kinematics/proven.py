@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ._types import BoardPicture, CellPrior
-from .faults import Fault, find_faults
+from .faults import KinematicsFault, find_faults
 from .play import Play
 from .solve import CellFit, calibrate_cell
 
@@ -29,8 +29,8 @@ class ProvenFit:
 
     fit: CellFit
     play: Mapping[str, Play]
-    faults: tuple[Fault, ...]
-    left_out: tuple[Fault, ...]
+    faults: tuple[KinematicsFault, ...]
+    left_out: tuple[KinematicsFault, ...]
 
 
 def calibrate_and_prove(
@@ -50,7 +50,7 @@ def calibrate_and_prove(
     KinematicsError : no cell fits the pictures
     """
 
-    def proven(of: Sequence[BoardPicture], left_out: tuple[Fault, ...]) -> ProvenFit:
+    def proven(of: Sequence[BoardPicture], left_out: tuple[KinematicsFault, ...]) -> ProvenFit:
         fit = calibrate_cell(prior, of)
         play = play_of(fit)
         return ProvenFit(fit, play, find_faults(prior, of, fit, play=play), left_out)

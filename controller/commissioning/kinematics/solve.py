@@ -18,7 +18,7 @@ from controller.arrays import BoolArray, FloatArray
 from controller.imaging import Camera
 
 from ._types import BoardPicture, CellPrior, KinematicsError
-from .layout import Layout, PictureTerms
+from .layout import PictureTerms, UnknownsLayout
 from .noise import (
     Whitening,
     corner_noise_px,
@@ -78,7 +78,7 @@ class CellFit:
         pictures
     """
 
-    layout: Layout
+    layout: UnknownsLayout
     x: FloatArray
     cov: FloatArray
     noise_px: float
@@ -152,7 +152,7 @@ def calibrate_cell(
     ----------
     prior : prior knowledge
     pictures : at least one of the board at its known place on the table
-    bumped : cameras that moved meanwhile, as `Layout`
+    bumped : cameras that moved meanwhile, as `UnknownsLayout`
     start : (m,) unknowns to begin with
 
     Raises
@@ -160,7 +160,7 @@ def calibrate_cell(
     KinematicsError : too few corners, nothing fixes the world, or no cell fits
     """
     _check(prior, pictures)
-    layout = Layout(prior, bumped)
+    layout = UnknownsLayout(prior, bumped)
     used = [np.ones(len(p.board.pixels), dtype=bool) for p in pictures]
     x = np.zeros(layout.size) if start is None else start
     x = _fit(layout, pictures, x, [Whitening(np.full(2 * len(u), 1.0)) for u in used], robust=True)
@@ -221,7 +221,7 @@ def _check_left(pictures: Sequence[BoardPicture], used: Sequence[BoolArray]) -> 
 
 
 def _fit(
-    layout: Layout,
+    layout: UnknownsLayout,
     pictures: Sequence[BoardPicture],
     x0: FloatArray,
     white: Sequence[Whitening],
@@ -274,7 +274,7 @@ def _fit(
 
 
 def stacked(
-    layout: Layout, terms: Sequence[PictureTerms], white: Sequence[Whitening], y: FloatArray
+    layout: UnknownsLayout, terms: Sequence[PictureTerms], white: Sequence[Whitening], y: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return all residuals (n,) and their Jacobian (n, m) by x in units of its prior spread.
 
@@ -300,7 +300,7 @@ def stacked(
 
 
 def _spread(
-    layout: Layout, terms: Sequence[PictureTerms], white: Sequence[Whitening], x: FloatArray
+    layout: UnknownsLayout, terms: Sequence[PictureTerms], white: Sequence[Whitening], x: FloatArray
 ) -> tuple[FloatArray, float]:
     """Return the covariance (m, m) of the unknowns, and the misfit but for the corners' noise."""
     r, jac = stacked(layout, terms, white, x / layout.std)

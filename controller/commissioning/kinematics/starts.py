@@ -11,7 +11,15 @@ from controller.commissioning.calibration import FoundBoard
 from controller.commissioning.target import BoardSection
 from controller.imaging import Camera, inverse_pose
 
-from ._types import BoardPicture, CellPrior, Face, Grasp, KinematicsError, Placing, clamped_std
+from ._types import (
+    BoardPicture,
+    CellPrior,
+    KinematicsError,
+    Placing,
+    PlateGrasp,
+    PrintedPattern,
+    clamped_std,
+)
 
 
 def board_pose(camera: Camera, board: FoundBoard) -> FloatArray:
@@ -56,11 +64,11 @@ def placed_roughly(camera: Camera, board: FoundBoard, height_mm: float) -> Placi
 
 def held_roughly(
     camera: Camera,
-    face: Face,
+    face: PrintedPattern,
     picture: BoardPicture,
     T_world_tcp: FloatArray,
     std: FloatArray | None = None,
-) -> Grasp:
+) -> PlateGrasp:
     """Return the rough pose of a plate in the jaws: the pads lie on its large faces.
 
     Parameters
@@ -79,10 +87,10 @@ def held_roughly(
     T = np.eye(4)
     T[:3, :3] = np.column_stack([x, y, np.cross(x, y)])
     T[:3, 3] = T_tcp_body[0, 3], 0.0, T_tcp_body[2, 3]
-    return Grasp(T, clamped_std() if std is None else std)
+    return PlateGrasp(T, clamped_std() if std is None else std)
 
 
-def grasps_of(prior: CellPrior, pictures: Mapping[str, BoardPicture]) -> dict[str, Grasp]:
+def grasps_of(prior: CellPrior, pictures: Mapping[str, BoardPicture]) -> dict[str, PlateGrasp]:
     """Return a start for each grasp from one picture of it: name -> picture.
 
     Raises
@@ -103,7 +111,7 @@ def grasps_of(prior: CellPrior, pictures: Mapping[str, BoardPicture]) -> dict[st
 
 def plate_faces(
     board: BoardSection, *, back_mm: float = 0.15, back_rad: float = 0.002
-) -> tuple[Face, Face]:
+) -> tuple[PrintedPattern, PrintedPattern]:
     """Return both faces of a plate that is held by its bare side.
 
     The body's origin is in the middle of the bare side and of the thickness; x points to the print,
@@ -122,4 +130,4 @@ def plate_faces(
     front[:3, 3] = x, thickness_mm / 2.0, -side
     back[:3, :3] = [[0, 1, 0], [0, 0, -1], [-1, 0, 0]]
     back[:3, 3] = x, -thickness_mm / 2.0, side
-    return Face(front), Face(back, pose_mm=back_mm, pose_rad=back_rad)
+    return PrintedPattern(front), PrintedPattern(back, pose_mm=back_mm, pose_rad=back_rad)

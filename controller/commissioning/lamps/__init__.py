@@ -8,8 +8,8 @@ from ._evenness import evenness, saturated_share
 from ._patterns import (
     GRID,
     Assignment,
-    Light,
-    Surface,
+    CameraBackground,
+    PatternLamp,
     assign,
     expected_pattern,
     seen_pattern,
@@ -19,8 +19,8 @@ from ._steadiness import TooFewSamplesError, seconds_to_steady
 __all__ = [
     "GRID",
     "Assignment",
-    "Light",
-    "Surface",
+    "CameraBackground",
+    "PatternLamp",
     "TooFewSamplesError",
     "assign",
     "evenness",

@@ -20,7 +20,7 @@ GRID: Final = (4, 4)  # fields down and across
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Light:
+class PatternLamp:
     """A lamp of the cell.
 
     Attributes
@@ -38,7 +38,7 @@ class Light:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surface:
+class CameraBackground:
     """Background of a camera behind all parts.
 
     Attributes
@@ -92,12 +92,12 @@ def _fields(picture: Grey) -> FloatArray:
     return np.array([field.mean() for b in bands for field in np.array_split(b, columns, axis=1)])
 
 
-def expected_pattern(light: Light, surfaces: Sequence[Surface]) -> FloatArray:
+def expected_pattern(light: PatternLamp, surfaces: Sequence[CameraBackground]) -> FloatArray:
     """Return the pattern that a lamp makes, up to its brightness."""
     return np.concatenate([_expected_in(light, surface) for surface in surfaces])
 
 
-def _expected_in(light: Light, surface: Surface) -> FloatArray:
+def _expected_in(light: PatternLamp, surface: CameraBackground) -> FloatArray:
     rows, columns = GRID
     if light.glows_in:
         return np.full(rows * columns, float(light.glows_in == surface.name))

@@ -6,23 +6,23 @@ file as commissioned.
 """
 
 from ._cell_file import calibrated_text, cell_digest
-from ._files import Folder
-from ._record import Figure, GivenAnswer, Outcome, Picture, StepRecord, worst_of
-from ._status import Standing, Status, StepPlan, standings
+from ._files import CommissioningFolder
+from ._record import GivenAnswer, StepEnd, StepFigure, StepPicture, StepRecord, worst_of
+from ._status import StepPlan, StepStanding, StepStatus, standings
 from ._taught import AIM_MM, TRAYS, TrayName, taught_trays, with_values
 
 __all__ = [
     "AIM_MM",
     "TRAYS",
-    "Figure",
-    "Folder",
+    "CommissioningFolder",
     "GivenAnswer",
-    "Outcome",
-    "Picture",
-    "Standing",
-    "Status",
+    "StepEnd",
+    "StepFigure",
+    "StepPicture",
     "StepPlan",
     "StepRecord",
+    "StepStanding",
+    "StepStatus",
     "TrayName",
     "calibrated_text",
     "cell_digest",

@@ -21,13 +21,13 @@ from controller.config.calibrations import Calibration, write_calibration
 from controller.config.files import read_bytes, read_text, reason_of, write_whole
 
 from ._cell_file import calibrated_text
-from ._record import Outcome, StepRecord
+from ._record import StepEnd, StepRecord
 
 CALIBRATION_NAMES: Final[tuple[CalibrationName, ...]] = get_args(CalibrationName)
 MAX_RECORD_BYTES: Final = 4 << 20
 
 
-class Folder:
+class CommissioningFolder:
     """Files of a commissioning.
 
     Parameters
@@ -99,7 +99,7 @@ class Folder:
         if record.evidence:
             write_whole(self.path / record.evidence / "record.json", text + "\n")
         last = self.record_file(record.step)
-        if record.outcome is Outcome.BROKEN_OFF and last.exists():
+        if record.outcome is StepEnd.BROKEN_OFF and last.exists():
             return
         write_whole(last, text + "\n")
 

@@ -16,7 +16,7 @@ from controller.config.calibration_reference import CalibrationName
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
-class Outcome(StrEnum):
+class StepEnd(StrEnum):
     """End of a step."""
 
     PASSED = "passed"
@@ -26,7 +26,7 @@ class Outcome(StrEnum):
     """Stopped by a person, an interlock, or a device that was lost; it is to be repeated."""
 
 
-class Figure(Section):
+class StepFigure(Section):
     """One measured value and its limit.
 
     Attributes
@@ -70,7 +70,7 @@ class Figure(Section):
         return f"{self.name}: {self.value:.4g}{more} {self.unit}".rstrip() + allowed
 
 
-class Picture(Section):
+class StepPicture(Section):
     """A picture of a step.
 
     Attributes
@@ -120,7 +120,7 @@ class StepRecord(Section):
 
     schema_: Literal[1] = Field(1, alias="schema")
     step: str
-    outcome: Outcome
+    outcome: StepEnd
     message: str = ""
     began: datetime
     ended: datetime
@@ -132,9 +132,9 @@ class StepRecord(Section):
     evidence: str = ""
     based_on: Mapping[CalibrationName, Sha256] = Field(default_factory=dict)
     made: Mapping[CalibrationName, Sha256] = Field(default_factory=dict)
-    figures: tuple[Figure, ...] = ()
+    figures: tuple[StepFigure, ...] = ()
     findings: tuple[str, ...] = ()
-    pictures: tuple[Picture, ...] = ()
+    pictures: tuple[StepPicture, ...] = ()
     answers: tuple[GivenAnswer, ...] = ()
 
     @model_validator(mode="after")
@@ -146,6 +146,6 @@ class StepRecord(Section):
         return self
 
 
-def worst_of(figures: Iterable[Figure]) -> tuple[Figure, ...]:
+def worst_of(figures: Iterable[StepFigure]) -> tuple[StepFigure, ...]:
     """Return the figures that do not keep their limits."""
     return tuple(figure for figure in figures if not figure.is_within)

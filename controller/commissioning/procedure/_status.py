@@ -7,10 +7,10 @@ from enum import StrEnum
 
 from controller.config.calibration_reference import CalibrationName
 
-from ._record import Outcome, StepRecord
+from ._record import StepEnd, StepRecord
 
 
-class Status(StrEnum):
+class StepStatus(StrEnum):
     """Present status of a step."""
 
     DONE = "done"
@@ -36,7 +36,7 @@ class StepPlan:
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class StepStanding:
     """Standing of one step.
 
     Attributes
@@ -47,7 +47,7 @@ class Standing:
     """
 
     step: str
-    status: Status
+    status: StepStatus
     reason: str
 
 
@@ -57,7 +57,7 @@ def standings(
     now: datetime,
     digest: str,
     calibrations: Mapping[CalibrationName, str],
-) -> tuple[Standing, ...]:
+) -> tuple[StepStanding, ...]:
     """Return the standing of each step, in their order.
 
     A step is stale if the cell file now describes another cell, if a calibration that it used or
@@ -72,12 +72,12 @@ def standings(
     digest : digest of what the cell file describes
     calibrations : the hash of each calibration that the cell has now
     """
-    found: dict[str, Standing] = {}
+    found: dict[str, StepStanding] = {}
     for plan in plans:
         status, reason = _of_record(plan, records.get(plan.name), now, digest, calibrations)
-        if status is Status.DONE and (why := _by_needs(plan, records, found)):
-            status, reason = Status.STALE, why
-        found[plan.name] = Standing(plan.name, status, reason)
+        if status is StepStatus.DONE and (why := _by_needs(plan, records, found)):
+            status, reason = StepStatus.STALE, why
+        found[plan.name] = StepStanding(plan.name, status, reason)
     return tuple(found.values())
 
 
@@ -87,31 +87,31 @@ def _of_record(
     now: datetime,
     digest: str,
     calibrations: Mapping[CalibrationName, str],
-) -> tuple[Status, str]:
+) -> tuple[StepStatus, str]:
     if record is None:
-        return Status.NOT_DONE, "never begun"
+        return StepStatus.NOT_DONE, "never begun"
     when = f"{record.ended:%Y-%m-%d %H:%M}"
-    if record.outcome is Outcome.BROKEN_OFF:
-        return Status.NOT_DONE, f"broken off {when}: {record.message}"
-    if record.outcome is Outcome.FAILED:
-        return Status.FAILED, f"{when}: {record.message}"
+    if record.outcome is StepEnd.BROKEN_OFF:
+        return StepStatus.NOT_DONE, f"broken off {when}: {record.message}"
+    if record.outcome is StepEnd.FAILED:
+        return StepStatus.FAILED, f"{when}: {record.message}"
     if record.cell_digest != digest:
-        return Status.STALE, f"the cell file describes another cell than on {when}"
+        return StepStatus.STALE, f"the cell file describes another cell than on {when}"
     for name, sha256 in {**record.based_on, **record.made}.items():
         if calibrations.get(name) != sha256:
             what = "is gone" if name not in calibrations else "is another one"
-            return Status.STALE, f"the calibration `{name}` {what} since {when}"
+            return StepStatus.STALE, f"the calibration `{name}` {what} since {when}"
     if plan.valid_days is not None and now - record.ended > timedelta(days=plan.valid_days):
-        return Status.STALE, f"older than {plan.valid_days} days: {when}"
-    return Status.DONE, when + (f" by {record.by}" if record.by else "")
+        return StepStatus.STALE, f"older than {plan.valid_days} days: {when}"
+    return StepStatus.DONE, when + (f" by {record.by}" if record.by else "")
 
 
 def _by_needs(
-    plan: StepPlan, records: Mapping[str, StepRecord], found: Mapping[str, Standing]
+    plan: StepPlan, records: Mapping[str, StepRecord], found: Mapping[str, StepStanding]
 ) -> str:
     """Return why a step that was done does not hold any more because of those before it."""
     for need in plan.needs:
-        if found[need].status is not Status.DONE:
+        if found[need].status is not StepStatus.DONE:
             return f"`{need}`, which it needs, is {found[need].status.value}"
         if records[need].ended > records[plan.name].began:
             return f"`{need}`, which it needs, was repeated after it"

@@ -10,7 +10,6 @@ from ._models import (
     ArmCalibration,
     Calibration,
     CameraCalibration,
-    Figure,
     FixedGripperCalibration,
     JointZeros,
     LampCalibration,
@@ -18,26 +17,27 @@ from ._models import (
     Residual,
     TraysCalibration,
     VerificationRecord,
+    VerifiedFigure,
 )
-from ._standing import MAX_OFF_MM, CalibrationsStanding, Standing, Usage, standing_of
+from ._standing import MAX_OFF_MM, CalibrationsStanding, CalibrationStanding, Usage, standing_of
 
 __all__ = [
     "MAX_OFF_MM",
     "MODELS",
     "ArmCalibration",
     "Calibration",
+    "CalibrationStanding",
     "CalibrationsStanding",
     "CameraCalibration",
-    "Figure",
     "FixedGripperCalibration",
     "JointZeros",
     "LampCalibration",
     "LampsCalibration",
     "Residual",
-    "Standing",
     "TraysCalibration",
     "Usage",
     "VerificationRecord",
+    "VerifiedFigure",
     "digest_of",
     "load_cell",
     "read_calibration",

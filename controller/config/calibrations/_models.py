@@ -232,7 +232,7 @@ class LampsCalibration(Calibration):
     lamps: Mapping[str, LampCalibration]
 
 
-class Figure(Section):
+class VerifiedFigure(Section):
     """One figure of a verification.
 
     Attributes
@@ -261,7 +261,7 @@ class VerificationRecord(Calibration):
     """
 
     kind: Literal["verification"] = "verification"
-    figures: Mapping[str, Figure] = Field(min_length=1)
+    figures: Mapping[str, VerifiedFigure] = Field(min_length=1)
 
     @property
     def passed(self) -> bool:

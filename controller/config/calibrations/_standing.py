@@ -33,7 +33,7 @@ class Usage:
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class CalibrationStanding:
     """Whether one calibration still counts.
 
     Attributes
@@ -57,7 +57,7 @@ class CalibrationsStanding:
     why_not_verified : empty once a verification has passed with the very calibrations of now
     """
 
-    each: tuple[Standing, ...] = ()
+    each: tuple[CalibrationStanding, ...] = ()
     why_not_verified: str = ""
 
     @property
@@ -91,7 +91,7 @@ def standing_of(
     usage : so far, by the hash of the calibration file
     """
     each = tuple(
-        Standing(
+        CalibrationStanding(
             name,
             one.measured,
             _why_stale(name, one, references, now, usage.get(references[name].sha256, Usage())),
@@ -135,7 +135,7 @@ def _why_stale(
 def _why_not_verified(
     references: Mapping[CalibrationName, CalibrationReference],
     found: Mapping[CalibrationName, Calibration],
-    each: tuple[Standing, ...],
+    each: tuple[CalibrationStanding, ...],
 ) -> str:
     if not references:
         return f"its poses are those of its file, and nothing was measured ({VERIFY})"

@@ -12,15 +12,15 @@ from .agreement import (
     agreement,
     agreement_json,
 )
-from .deciding import VERDICTS, WORDS, Decision, decide, one_part
+from .deciding import VERDICTS, WORDS, PartDecision, decide, one_part
 
 __all__ = [
     "LIKELY_SHARE",
     "VERDICTS",
     "WORDS",
     "Agreement",
-    "Decision",
     "LikelyFalseAlarm",
+    "PartDecision",
     "Rate",
     "Reviewed",
     "agreement",

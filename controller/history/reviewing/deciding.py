@@ -34,7 +34,7 @@ NAMED_COUNT: Final = 8  # parts that an error names
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
+class PartDecision:
     """A person's decision on a part.
 
     Attributes
@@ -71,7 +71,7 @@ def one_part(store: Store, word: str) -> Mapping[str, Any]:
 
 
 def decide(
-    store: Store, runs_dir: Path, word: str, decision: Decision, *, seen: int | None = None
+    store: Store, runs_dir: Path, word: str, decision: PartDecision, *, seen: int | None = None
 ) -> Mapping[str, Any]:
     """Write a person's verdict into the journal and return the part's record with it.
 
@@ -114,7 +114,7 @@ def decide(
     return one_part(store, f"{run}/{number}")
 
 
-def _check(part: Mapping[str, Any], decision: Decision) -> None:
+def _check(part: Mapping[str, Any], decision: PartDecision) -> None:
     """Raise HistoryError if a verdict makes no sense for a part."""
     name = part["part"]
     if decision.verdict not in VERDICTS:

@@ -7,7 +7,7 @@ import numpy as np
 
 from controller.arrays import FloatArray, IntArray
 from controller.imaging import Camera, inverse_pose, meet_part, transform
-from controller.recognition.fitting import EdgePoints, edge_jacobian, predict_outline
+from controller.recognition.fitting import ModelEdgePoints, edge_jacobian, predict_outline
 
 from .._pose import PosedPart
 
@@ -35,7 +35,7 @@ class Rims:
     facet_px : (n,) largest distance of a curved face's facets from its surface
     """
 
-    points: EdgePoints
+    points: ModelEdgePoints
     jacobian: FloatArray
     faces: IntArray
     per_face: FloatArray
@@ -108,11 +108,11 @@ class _Rounds:
 def _round_normals(
     part: PosedPart,
     rounds: _Rounds,
-    edges: EdgePoints,
+    edges: ModelEdgePoints,
     faces: IntArray,
     T_world_part: FloatArray,
     camera: Camera,
-) -> EdgePoints:
+) -> ModelEdgePoints:
     """Return points and normals on the true circles in place of chords of round faces' rims.
 
     The chords of a disc would show its rotation about the axis, which a round disc does not.
@@ -146,8 +146,8 @@ def _round_normals(
     return replace(edges, normals=normals)
 
 
-def _those(edges: EdgePoints, which: IntArray) -> EdgePoints:
-    return EdgePoints(
+def _those(edges: ModelEdgePoints, which: IntArray) -> ModelEdgePoints:
+    return ModelEdgePoints(
         edges.points_mm[which],
         edges.pixels[which],
         edges.normals[which],

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from controller.arrays import BoolArray, Float32Array, Grey
 from controller.cad import SurfaceSamples
 from controller.imaging import ViewMaps, transform
-from controller.recognition.fitting import EdgePoints, predict_edges
+from controller.recognition.fitting import ModelEdgePoints, predict_edges
 
 from .._connected import connected_findings, grow
 from .._pose import PosedPart, PoseFit, point_spread
@@ -159,7 +159,7 @@ class LitPictures:
         return np.asarray(self._inside[::STEP_PX, ::STEP_PX] & unheld)
 
     @cached_property
-    def _edges(self) -> EdgePoints:
+    def _edges(self) -> ModelEdgePoints:
         """Edges of the part in sight, off the gripper."""
         edges = predict_edges(self._part.edges, self._fit.T_world_part, self._task.camera)
         width, height = self._task.camera.size_px

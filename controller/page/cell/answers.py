@@ -14,7 +14,7 @@ from controller.cell.devices.lock import LOCK_NAME, read_holder
 from controller.config import ConfigError, load_cell
 from controller.config.files import file_within
 
-from ..frame import Act, Body, Look, NoBody, Setting, Visit, refused, word
+from ..frame import GetRoute, NoBody, PostBody, PostRoute, Setting, Visit, refused, word
 from ..frame.drawn import picture_bytes
 from ..security import Role
 from ..work import BusyError, Workshop
@@ -27,7 +27,7 @@ WATCHED: Final = ("--watch", "300")  # seconds; then the lock is free again by i
 LIVE_PICTURE: Final = re.compile(r"(?:overhead|inspection)-[a-z_]{1,40}-\d{6,9}\.png")
 
 
-class CellBody(Body):
+class CellBody(PostBody):
     """A cell by its key."""
 
     cell: str = Field(min_length=1, max_length=MAX_KEY)
@@ -51,20 +51,20 @@ class CellAnswers:
         self._workshop = workshop
 
     @property
-    def every(self) -> tuple[Look | Act, ...]:
+    def every(self) -> tuple[GetRoute | PostRoute, ...]:
         """All answers."""
         return (
-            Look("", self.page),
-            Look("facts", self.facts),
-            Look("pictures", self.pictures),
-            Look("picture/{run:str}/{number:int}", self.picture),
-            Look("evidence", self.evidence),
-            Look("doctor", self.doctor),
-            Look("live", self.live, Role.ENGINEER),
-            Look("live/{file:str}", self.live_picture, Role.ENGINEER),
-            Act("examine", CellBody, self.examine, Role.ENGINEER),
-            Act("watch", CellBody, self.watch, Role.ENGINEER),
-            Act("cancel", NoBody, self.cancel, Role.ENGINEER),
+            GetRoute("", self.page),
+            GetRoute("facts", self.facts),
+            GetRoute("pictures", self.pictures),
+            GetRoute("picture/{run:str}/{number:int}", self.picture),
+            GetRoute("evidence", self.evidence),
+            GetRoute("doctor", self.doctor),
+            GetRoute("live", self.live, Role.ENGINEER),
+            GetRoute("live/{file:str}", self.live_picture, Role.ENGINEER),
+            PostRoute("examine", CellBody, self.examine, Role.ENGINEER),
+            PostRoute("watch", CellBody, self.watch, Role.ENGINEER),
+            PostRoute("cancel", NoBody, self.cancel, Role.ENGINEER),
         )
 
     async def page(self, visit: Visit) -> Response:

@@ -12,7 +12,7 @@ from typing import Any, Final
 from controller.cell.commissioning import CommissionOrder
 from controller.cell.journal import JOURNAL_NAME, JournalError, read_rows_counted, rows
 from controller.cell.journal.usage import usage_of, views_off_mm
-from controller.commissioning.procedure import Folder
+from controller.commissioning.procedure import CommissioningFolder
 from controller.config import (
     SHIPPED,
     Cell,
@@ -103,7 +103,7 @@ class CellFiles:
         """Return a cell file by its key, as `named` does."""
         return named(self.all(), key)
 
-    def commissioned(self, file: CellFile, cell: Cell) -> Folder:
+    def commissioned(self, file: CellFile, cell: Cell) -> CommissioningFolder:
         """Return the folder of a cell's commissioning, which need not exist.
 
         Parameters
@@ -113,8 +113,8 @@ class CellFiles:
         """
         beside = file.path.parent
         if (beside / "steps").is_dir():
-            return Folder(beside)
-        return Folder(self._project / "commissioning" / cell.name)
+            return CommissioningFolder(beside)
+        return CommissioningFolder(self._project / "commissioning" / cell.name)
 
     def _usual(self) -> Path | None:
         path = self._project / "recipe.yaml"
@@ -213,7 +213,7 @@ def cell_facts(files: CellFiles, file: CellFile, past: Past, now: datetime) -> d
     }
 
 
-def evidence(folder: Folder) -> list[str]:
+def evidence(folder: CommissioningFolder) -> list[str]:
     """Return the files that a commissioning has left, by their names within its folder."""
     found = [EVIDENCE_PAGE] if (folder.path / EVIDENCE_PAGE).is_file() else []
     below = folder.path / "evidence"
@@ -278,7 +278,7 @@ def _calibrations(file: CellFile, cell: Cell, past: Past, now: datetime) -> dict
     return {"calibrations": each, "why_not_verified": standing.why_not_verified}
 
 
-def _steps(file: CellFile, folder: Folder, now: datetime) -> list[dict[str, str]]:
+def _steps(file: CellFile, folder: CommissioningFolder, now: datetime) -> list[dict[str, str]]:
     try:
         standings = CommissionOrder(file.path, folder, "").standings(now)
     except ConfigError as error:

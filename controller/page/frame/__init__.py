@@ -4,18 +4,27 @@ Its `templates/` and `static/` are there for every screen: `screen.html.j2` is e
 page of a screen, `/static/shared.js` has its texts, numbers and orders.
 """
 
-from .screens import Act, Body, Look, NoBody, RefusedError, Screen, Setting, Upload
+from .screens import (
+    GetRoute,
+    NoBody,
+    PostBody,
+    PostRoute,
+    RequestRefusedError,
+    Screen,
+    Setting,
+    Upload,
+)
 from .uploads import Uploaded
-from .visit import Frame, Visit, refused
+from .visit import PageFrame, Visit, refused
 from .words import word
 
 __all__ = [
-    "Act",
-    "Body",
-    "Frame",
-    "Look",
+    "GetRoute",
     "NoBody",
-    "RefusedError",
+    "PageFrame",
+    "PostBody",
+    "PostRoute",
+    "RequestRefusedError",
     "Screen",
     "Setting",
     "Upload",

@@ -11,7 +11,7 @@ from starlette.routing import Route
 from ..security import Account, AccountsError
 from .files import static_files
 from .routing import FORGED, NOBODY, is_own
-from .visit import Frame, address_of, refused
+from .visit import PageFrame, address_of, refused
 from .words import word
 
 HOME = "/now"
@@ -25,7 +25,7 @@ class Entrance:
     frame : frame of the target page
     """
 
-    def __init__(self, frame: Frame) -> None:
+    def __init__(self, frame: PageFrame) -> None:
         self._frame = frame
         self._static = static_files(one.name for one in frame.screens)
 

@@ -11,9 +11,9 @@ from starlette.routing import Route
 
 from ..security import Role
 from ..security.sessions import same
-from .screens import Act, Look, RefusedError, Screen, Upload
+from .screens import GetRoute, PostRoute, RequestRefusedError, Screen, Upload
 from .uploads import received
-from .visit import Frame, Visit, refused
+from .visit import PageFrame, Visit, refused
 from .words import word
 
 Endpoint = Callable[[Request], Awaitable[Response]]
@@ -28,7 +28,7 @@ NEEDED: Final[Mapping[Role, str]] = {
 UPLOADS_AT_ONCE: Final = 2
 
 
-def routes_of(frame: Frame) -> list[Route]:
+def routes_of(frame: PageFrame) -> list[Route]:
     """Return the routes of all screens.
 
     Raises
@@ -40,15 +40,15 @@ def routes_of(frame: Frame) -> list[Route]:
     for screen in frame.screens:
         taken: set[tuple[str, bool]] = set()
         for one in screen.answers:
-            key = (one.path, isinstance(one, Look))
+            key = (one.path, isinstance(one, GetRoute))
             if key in taken:
                 raise ValueError(f"{screen.name}: `{one.path}` is answered twice")
             taken.add(key)
             address = screen.address(one.path)
             match one:
-                case Look():
+                case GetRoute():
                     endpoint, method = _looked(frame, screen, one), "GET"
-                case Act():
+                case PostRoute():
                     endpoint, method = _acted(frame, screen, one), "POST"
                 case Upload():
                     endpoint, method = _uploaded(frame, screen, one, uploading), "POST"
@@ -72,23 +72,23 @@ def is_own(request: Request, csrf: str) -> bool:
 
 
 def _entered(
-    frame: Frame, screen: Screen, one: Look | Act | Upload, request: Request
+    frame: PageFrame, screen: Screen, one: GetRoute | PostRoute | Upload, request: Request
 ) -> Visit | Response:
     """Return the visit of a request, or the reason why it is refused."""
     session = frame.session(request)
     if session is None:
         wants_page = one.path == "" or "text/html" in request.headers.get("accept", "")
-        if isinstance(one, Look) and wants_page:
+        if isinstance(one, GetRoute) and wants_page:
             return RedirectResponse("/login", 303)
         return refused(401, NOBODY)
-    if not isinstance(one, Look) and not is_own(request, session.csrf):
+    if not isinstance(one, GetRoute) and not is_own(request, session.csrf):
         return refused(403, FORGED)
     if session.account.role < one.role:
         return refused(403, NEEDED[one.role])
     return Visit(frame, screen, request, session)
 
 
-def _looked(frame: Frame, screen: Screen, one: Look) -> Endpoint:
+def _looked(frame: PageFrame, screen: Screen, one: GetRoute) -> Endpoint:
     async def endpoint(request: Request) -> Response:
         visit = _entered(frame, screen, one, request)
         return await one.answer(visit) if isinstance(visit, Visit) else visit
@@ -96,7 +96,7 @@ def _looked(frame: Frame, screen: Screen, one: Look) -> Endpoint:
     return endpoint
 
 
-def _acted(frame: Frame, screen: Screen, one: Act) -> Endpoint:
+def _acted(frame: PageFrame, screen: Screen, one: PostRoute) -> Endpoint:
     async def endpoint(request: Request) -> Response:
         visit = _entered(frame, screen, one, request)
         if not isinstance(visit, Visit):
@@ -112,7 +112,9 @@ def _acted(frame: Frame, screen: Screen, one: Act) -> Endpoint:
     return endpoint
 
 
-def _uploaded(frame: Frame, screen: Screen, one: Upload, uploading: asyncio.Semaphore) -> Endpoint:
+def _uploaded(
+    frame: PageFrame, screen: Screen, one: Upload, uploading: asyncio.Semaphore
+) -> Endpoint:
     async def endpoint(request: Request) -> Response:
         visit = _entered(frame, screen, one, request)
         if not isinstance(visit, Visit):
@@ -129,7 +131,7 @@ def _refusing(answer: Endpoint) -> Endpoint:
     async def endpoint(request: Request) -> Response:
         try:
             return await answer(request)
-        except RefusedError as error:
+        except RequestRefusedError as error:
             return refused(error.status, str(error))
 
     return endpoint

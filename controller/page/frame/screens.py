@@ -37,7 +37,7 @@ class Setting:
     project_dir: Path
 
 
-class RefusedError(Exception):
+class RequestRefusedError(Exception):
     """The request is refused; the text is the answer.
 
     Attributes
@@ -50,18 +50,18 @@ class RefusedError(Exception):
         self.status = status
 
 
-class Body(BaseModel):
+class PostBody(BaseModel):
     """The body of an act, as the browser sends it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class NoBody(Body):
+class NoBody(PostBody):
     """An act that needs no words."""
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class GetRoute:
     """An answer to GET; it changes nothing.
 
     Attributes
@@ -77,7 +77,7 @@ class Look:
 
 
 @dataclass(frozen=True, slots=True)
-class Act:
+class PostRoute:
     """An order by POST: a small JSON body, with the token of the session.
 
     Attributes
@@ -89,7 +89,7 @@ class Act:
     """
 
     path: str
-    body: type[Body]
+    body: type[PostBody]
     answer: Callable[[Visit, Any], Awaitable[Response]]
     role: Role
 
@@ -132,7 +132,7 @@ class Screen:
 
     name: str
     title: str
-    answers: tuple[Look | Act | Upload, ...]
+    answers: tuple[GetRoute | PostRoute | Upload, ...]
     role: Role = Role.VIEWER
     beside: Callable[[], AbstractAsyncContextManager[None]] | None = None
     hang_up: Callable[[], None] | None = None

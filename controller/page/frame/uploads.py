@@ -13,7 +13,7 @@ from typing import Final
 
 from starlette.requests import ClientDisconnect, Request
 
-from .screens import RefusedError, Upload
+from .screens import RequestRefusedError, Upload
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+()-]{0,99}")
 WALL_S: Final = 300.0
@@ -55,27 +55,27 @@ async def received(request: Request, upload: Upload) -> AsyncIterator[Uploaded]:
     """
     name = request.query_params.get("name", "")
     if not NAME.fullmatch(name):
-        raise RefusedError(
+        raise RequestRefusedError(
             422, "a file's name has letters, digits and ` ._+()-`, 100 at most, and no folder"
         )
     suffix = Path(name).suffix.lower()
     if suffix not in upload.suffixes:
         allowed = ", ".join(sorted(upload.suffixes))
-        raise RefusedError(415, f"`{suffix}`: the file ends in one of {allowed}")
+        raise RequestRefusedError(415, f"`{suffix}`: the file ends in one of {allowed}")
     with tempfile.TemporaryDirectory(prefix="cellctl-upload-") as folder:
         path = Path(folder) / f"file{suffix}"
         length = int(request.headers.get("content-length", "0"))
         if shutil.disk_usage(folder).free < length + SPARE_BYTES:
-            raise RefusedError(507, "the disk has too little room for the file")
+            raise RequestRefusedError(507, "the disk has too little room for the file")
         try:
             async with asyncio.timeout(WALL_S):
                 await _write(request, path, upload.max_bytes)
         except TimeoutError as error:
-            raise RefusedError(408, "the file did not arrive in time") from error
+            raise RequestRefusedError(408, "the file did not arrive in time") from error
         except ClientDisconnect as error:
-            raise RefusedError(400, "the file did not arrive whole") from error
+            raise RequestRefusedError(400, "the file did not arrive whole") from error
         except OSError as error:
-            raise RefusedError(507, f"the file cannot be kept: {error.strerror}") from error
+            raise RequestRefusedError(507, f"the file cannot be kept: {error.strerror}") from error
         require_sound_archive(path)
         yield Uploaded(name, path)
 
@@ -91,7 +91,7 @@ async def _write(request: Request, path: Path, max_bytes: int) -> None:
                 return
             size += len(piece)
             if size > max_bytes:
-                raise RefusedError(413, f"a file has {max_bytes} bytes at most")
+                raise RequestRefusedError(413, f"a file has {max_bytes} bytes at most")
             file.write(piece)
 
 
@@ -108,12 +108,12 @@ def require_sound_archive(path: Path) -> None:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
     except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
-        raise RefusedError(422, f"the archive is damaged: {error}") from error
+        raise RequestRefusedError(422, f"the archive is damaged: {error}") from error
     unpacked = sum(one.file_size for one in entries)
     packed = max(1, path.stat().st_size)
     if len(entries) > ENTRY_MAX_COUNT:
-        raise RefusedError(
+        raise RequestRefusedError(
             422, f"the archive has {len(entries)} entries, {ENTRY_MAX_COUNT} at most"
         )
     if unpacked > UNPACKED_MAX_BYTES or unpacked > UNPACKED_MAX_RATIO * packed + 1_000_000:
-        raise RefusedError(422, "the archive unpacks to more than a part has")
+        raise RequestRefusedError(422, "the archive unpacks to more than a part has")

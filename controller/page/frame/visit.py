@@ -12,7 +12,7 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, PrefixLoader, Stric
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
-from ..security import Account, Accounts, Attempts, Role, Session, Sessions, Site
+from ..security import Account, Accounts, Attempts, BrowserSession, PageAddress, Role, Sessions
 from .screens import Screen
 from .words import (
     LANGUAGES,
@@ -40,7 +40,7 @@ def address_of(request: Request) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class PageFrame:
     """Data shared by all screens.
 
     Attributes
@@ -51,7 +51,7 @@ class Frame:
     one_at_a_time : lock held while a password is tried
     """
 
-    site: Site
+    site: PageAddress
     accounts: Accounts
     sessions: Sessions
     screens: tuple[Screen, ...]
@@ -72,7 +72,7 @@ class Frame:
             undefined=StrictUndefined,
         )
 
-    def session(self, request: Request) -> Session | None:
+    def session(self, request: Request) -> BrowserSession | None:
         """Return the session of a request."""
         secret = request.cookies.get(self.site.cookie, "")
         return self.sessions.find(secret) if secret else None
@@ -124,10 +124,10 @@ class Visit:
     session : session of the user
     """
 
-    frame: Frame
+    frame: PageFrame
     screen: Screen
     request: Request
-    session: Session
+    session: BrowserSession
 
     @property
     def account(self) -> Account:

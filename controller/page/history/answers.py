@@ -23,15 +23,15 @@ from controller.history import (
 from controller.history.reviewing import one_part
 
 from ..frame.drawn import run_picture
-from ..frame.screens import Look
+from ..frame.screens import GetRoute
 from ..frame.visit import Visit, refused
 from ..frame.words import teller, translator, value_in, word
 from ..records import (
     FORMS,
     LISTED_FORMS,
-    Picture,
+    PartPicture,
     Records,
-    Wanted,
+    WantedFile,
     page_count,
     part_key,
     unread,
@@ -65,17 +65,17 @@ class HistoryAnswers:
         self._records = records
 
     @property
-    def every(self) -> tuple[Look, ...]:
+    def every(self) -> tuple[GetRoute, ...]:
         """All answers."""
         return (
-            Look("", self.list),
-            Look("part/{run:str}/{number:int}", self.part),
-            Look("picture/{run:str}/{number:int}/{picture:int}", self.picture),
-            Look("file/{run:str}/{number:int}/{form:str}", self.file),
-            Look("file/{run:str}/{form:str}", self.file),
-            Look("file/{form:str}", self.file),
-            Look("charts", self.charts),
-            Look("compare", self.compare),
+            GetRoute("", self.list),
+            GetRoute("part/{run:str}/{number:int}", self.part),
+            GetRoute("picture/{run:str}/{number:int}/{picture:int}", self.picture),
+            GetRoute("file/{run:str}/{number:int}/{form:str}", self.file),
+            GetRoute("file/{run:str}/{form:str}", self.file),
+            GetRoute("file/{form:str}", self.file),
+            GetRoute("charts", self.charts),
+            GetRoute("compare", self.compare),
         )
 
     async def list(self, visit: Visit) -> Response:
@@ -160,7 +160,7 @@ class HistoryAnswers:
             run = str(part["run"])
         else:
             await self._records.freshen()
-        wanted = Wanted(form, run, number, filters)
+        wanted = WantedFile(form, run, number, filters)
         folder = Path(await asyncio.to_thread(mkdtemp, prefix="cellctl-file-"))
         path = folder / f"file.{form}"
         try:
@@ -256,8 +256,8 @@ def _rows(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[Mapping[str, Any]
 
 
 def _pairs(
-    a: tuple[Picture, ...] | str, b: tuple[Picture, ...] | str
-) -> tuple[tuple[Picture | None, Picture | None], ...]:
+    a: tuple[PartPicture, ...] | str, b: tuple[PartPicture, ...] | str
+) -> tuple[tuple[PartPicture | None, PartPicture | None], ...]:
     """Return the pictures of two parts beside each other: of one view under one lamp."""
     of_a, of_b = (
         {} if isinstance(one, str) else {(picture.view, picture.lamp): picture for picture in one}

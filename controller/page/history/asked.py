@@ -33,7 +33,7 @@ REVIEW_WORDS: Final[Mapping[str, str]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class ListRequest:
     """Filters, order and page of a list.
 
     Attributes
@@ -63,7 +63,7 @@ class Asked:
         return "?" + urlencode({name: text for name, text in found.items() if text is not None})
 
 
-def asked(query: QueryParams) -> Asked:
+def asked(query: QueryParams) -> ListRequest:
     """Return the query in an address."""
     values = {name: query.get(name, "").strip()[:TEXT_MAX] for name in TEXTS}
     wrong = []
@@ -81,7 +81,7 @@ def asked(query: QueryParams) -> Asked:
             wrong.append(name)
             times[name] = None
     sort = query.get("sort", "start")
-    return Asked(
+    return ListRequest(
         Filters(
             **{name: values[name] for name in (*TEXTS, "verdict", "review")},
             since=times["since"],

@@ -7,7 +7,7 @@ from typing import Any, Final
 from markupsafe import Markup
 
 from controller.results.statistics.charts import RunChart, run_chart
-from controller.results.value_chart import Chart, Line, value_chart
+from controller.results.value_chart import Chart, LevelLine, value_chart
 
 from ..frame.words import word
 
@@ -21,7 +21,7 @@ CONTROLS: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class DrawnChart:
     """A chart, and its content in numbers.
 
     Attributes
@@ -43,7 +43,7 @@ def drawn(
     values: Sequence[Mapping[str, Any]],
     in_words: Callable[[str], str],
     written: Callable[[float, int], str],
-) -> Drawn:
+) -> DrawnChart:
     """Return the chart of values.
 
     Parameters
@@ -55,17 +55,19 @@ def drawn(
     measured = [one for one in values if one["measured"] is not None]
     numbers = [float(one["measured"]) for one in measured]
     if not numbers:
-        return Drawn(None, None, 0, len(values), (), is_changed=False)
+        return DrawnChart(None, None, 0, len(values), (), is_changed=False)
     chart = run_chart(numbers)
     last = measured[-1]
     # limits as wide as nature sets them (a position has no lower one) are no lines
     lines = [
-        Line(float(last[key]), in_words(name))
+        LevelLine(float(last[key]), in_words(name))
         for key, name in LIMITS
         if last[key] != last["nominal"]
     ]
     if chart is not None and chart.sigma > 0:
-        lines += [Line(getattr(chart, key), in_words(name), style) for key, name, style in CONTROLS]
+        lines += [
+            LevelLine(getattr(chart, key), in_words(name), style) for key, name, style in CONTROLS
+        ]
     signals = () if chart is None else chart.signals
     marks: dict[int, str] = {}
     for signal in signals:
@@ -75,7 +77,7 @@ def drawn(
     half_widths = [one["U"] for one in measured]
     svg = value_chart(Chart(numbers, lines, marks, half_widths=half_widths, written=written))
     limits = {(one["lower"], one["upper"]) for one in measured}
-    return Drawn(
+    return DrawnChart(
         svg,
         chart,
         len(numbers),

@@ -23,7 +23,7 @@ from controller.cell.control import (
 )
 
 from ..frame.drawn import mesh_of, packed, packed_json, run_picture
-from ..frame.screens import Act, Body, Look, Setting, Upload
+from ..frame.screens import GetRoute, PostBody, PostRoute, Setting, Upload
 from ..frame.uploads import Uploaded
 from ..frame.visit import Visit, address_of, refused
 from ..frame.words import word
@@ -36,11 +36,11 @@ FIRST_MAX: Final = 1000
 LIST_SUFFIXES: Final = frozenset({".csv"})
 
 
-class _OrderBody(Body):
+class _OrderBody(PostBody):
     why: str = Field(default="", max_length=MAX_WHO)
 
 
-class CancelBody(Body):
+class CancelBody(PostBody):
     """The end of a preparation."""
 
 
@@ -101,21 +101,21 @@ class NowAnswers:
         self._acting = asyncio.Lock()
 
     @property
-    def every(self) -> tuple[Look | Act | Upload, ...]:
+    def every(self) -> tuple[GetRoute | PostRoute | Upload, ...]:
         """All answers."""
         return (
-            Look("", self.now),
-            Look("wall", self.wall),
-            Look("events", self.events),
-            Look("scene", self.scene),
-            Look("mesh", self.mesh),
-            Look("picture/{run:str}/{number:int}", self.picture),
-            Look("choices", self.choices, Role.OPERATOR),
-            Act("start", StartBody, self.start, Role.OPERATOR),
-            Act("cancel", CancelBody, self.cancel, Role.OPERATOR),
+            GetRoute("", self.now),
+            GetRoute("wall", self.wall),
+            GetRoute("events", self.events),
+            GetRoute("scene", self.scene),
+            GetRoute("mesh", self.mesh),
+            GetRoute("picture/{run:str}/{number:int}", self.picture),
+            GetRoute("choices", self.choices, Role.OPERATOR),
+            PostRoute("start", StartBody, self.start, Role.OPERATOR),
+            PostRoute("cancel", CancelBody, self.cancel, Role.OPERATOR),
             Upload("list", LIST_MAX_BYTES, LIST_SUFFIXES, self.list, Role.OPERATOR),
             *(
-                Act(f"act/{name}", body, self._order(name, order), Role.OPERATOR)
+                PostRoute(f"act/{name}", body, self._order(name, order), Role.OPERATOR)
                 for name, body, order in ORDERS
             ),
         )

@@ -44,7 +44,7 @@ class Path:
 
 
 @dataclass(slots=True)
-class Arm:
+class JournaledArm:
     """The arm as the journal has it: its position, or its path.
 
     Attributes
@@ -104,7 +104,7 @@ class RunFold:
     began_utc: str = ""
     state: str = ""
     is_at_rest: bool = False
-    arm: Arm = field(default_factory=Arm)
+    arm: JournaledArm = field(default_factory=JournaledArm)
     part: HeldPart = field(default_factory=HeldPart)
     compared: dict[int, tuple[int, int]] = field(default_factory=dict)
     others: list[dict[str, Any]] = field(default_factory=list)

@@ -15,7 +15,7 @@ from controller.config import ConfigError
 from controller.config.files import read_text
 from controller.config.parts_list import COLUMNS, ListReader
 
-from ..frame.screens import RefusedError
+from ..frame.screens import RequestRefusedError
 from .choices import Choices, RecipeChoice
 
 LIST_MAX_BYTES: Final = 2_000_000
@@ -57,24 +57,26 @@ def _parts(sent: Path) -> list[dict[str, str]]:
     try:
         text = read_text(sent, "a list of parts", LIST_MAX_BYTES)
     except ConfigError as error:
-        raise RefusedError(422, "the list is no text in UTF-8") from error
+        raise RequestRefusedError(422, "the list is no text in UTF-8") from error
     reader = ListReader(text)
     parts: list[dict[str, str]] = []
     try:
         titles = reader.titles()
         strange = sorted(set(titles) - set(COLUMNS))
         if "recipe" not in titles or strange or len(set(titles)) < len(titles):
-            raise RefusedError(422, "a list has the columns recipe, serial, lot; recipe is needed")
+            raise RequestRefusedError(
+                422, "a list has the columns recipe, serial, lot; recipe is needed"
+            )
         for row in reader.rows(titles):
             if row is None or max(map(len, row.values())) > TEXT_MAX:
-                raise RefusedError(422, f"line {reader.line} of the list does not fit")
+                raise RequestRefusedError(422, f"line {reader.line} of the list does not fit")
             if len(parts) == LIST_MAX_COUNT:
-                raise RefusedError(422, f"a list has {LIST_MAX_COUNT} parts at most")
+                raise RequestRefusedError(422, f"a list has {LIST_MAX_COUNT} parts at most")
             parts.append({title: value.strip() for title, value in row.items()})
     except csv.Error as error:
-        raise RefusedError(422, f"line {reader.line} of the list does not fit") from error
+        raise RequestRefusedError(422, f"line {reader.line} of the list does not fit") from error
     if not parts:
-        raise RefusedError(422, "the list has no parts")
+        raise RequestRefusedError(422, "the list has no parts")
     return parts
 
 
@@ -84,7 +86,7 @@ def _recipe(name: str, choices: Choices) -> RecipeChoice:
     exact = choices.recipe(name)
     found = exact or (by_file[0] if len(by_file) == 1 else None)
     if found is None:
-        raise RefusedError(422, f"`{name}`: there is no such file in the project")
+        raise RequestRefusedError(422, f"`{name}`: there is no such file in the project")
     if found.problem:
-        raise RefusedError(422, found.problem)
+        raise RequestRefusedError(422, found.problem)
     return found

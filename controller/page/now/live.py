@@ -37,7 +37,7 @@ from controller.cell.journal import (
     read_rows_after,
 )
 
-from .fold import Arm, RunFold
+from .fold import JournaledArm, RunFold
 from .left import fold_of, left_in_grippers, unfinished
 from .scene import CellScene, Waypoints
 
@@ -66,7 +66,7 @@ class TooManyWatchersError(Exception):
 
 
 @dataclass(slots=True, eq=False)
-class Watcher:
+class BrowserWatch:
     """A connected browser. Data it has not read yet are replaced, never queued.
 
     Attributes
@@ -119,7 +119,7 @@ class Live:
         self._clock = clock
         self._cell = RunningCell(runs_dir)
         self._mark: tuple[object, ...] = ()
-        self._watchers: set[Watcher] = set()
+        self._watchers: set[BrowserWatch] = set()
         self._sent: dict[str, str] = {}
         self._shown: tuple[RunFold | None, int] = (None, -1)
         self._drawn: tuple[object, ...] = ()
@@ -166,7 +166,7 @@ class Live:
             or near >= WATCHER_OF_ADDRESS_MAX_COUNT
         ):
             raise TooManyWatchersError
-        watcher = Watcher(owner, address)
+        watcher = BrowserWatch(owner, address)
         for kind, message in self._sent.items():
             watcher.put(kind, message)
         self._watchers.add(watcher)
@@ -260,7 +260,7 @@ class Live:
             self._left_mark = mark
             if self._left and self._left[0].run != fold.run and not fold.part.number:
                 before = await asyncio.to_thread(fold_of, self._journal, self._left[0].run)
-                fold.arm, fold.part = Arm(before.arm.q), before.part
+                fold.arm, fold.part = JournaledArm(before.arm.q), before.part
 
     def look(self) -> bool:
         """Take new rows of the journal; return whether anything has changed."""
@@ -303,7 +303,7 @@ class Live:
             return  # what stands still looks as it did
         self._drawn = drawn
         # a paused arm was asked where it stands; the journal has only the path that it is on
-        arm = Arm(first[0]) if first else fold.arm
+        arm = JournaledArm(first[0]) if first else fold.arm
         self._put("moment", scene.moment(arm, fold.part, self._clock(), fold.speed))
         ghost = scene.ghost(fold.part, first) if first else None
         self._put("ghost", {"motion": ghost})

@@ -20,7 +20,7 @@ from controller.planning import Box, CellLayout
 from controller.planning.motion import Scene, segment_seconds, shown_pose, tcp_pose
 from controller.setup.layout import build_layout
 
-from .fold import IN_ARM, Arm, HeldPart, Path
+from .fold import IN_ARM, HeldPart, JournaledArm, Path
 
 Waypoints = tuple[tuple[float, ...], ...]
 
@@ -86,7 +86,9 @@ class CellScene:
             ],
         }
 
-    def moment(self, arm: Arm, part: HeldPart, now_s: float, speed: float) -> dict[str, Any]:
+    def moment(
+        self, arm: JournaledArm, part: HeldPart, now_s: float, speed: float
+    ) -> dict[str, Any]:
         """Return where arm and part are at a moment, as JSON.
 
         Parameters
@@ -105,7 +107,7 @@ class CellScene:
             "part": self._part(part, q, found is not None),
         }
 
-    def joints(self, arm: Arm, now_s: float, speed: float) -> FloatArray | None:
+    def joints(self, arm: JournaledArm, now_s: float, speed: float) -> FloatArray | None:
         """Return the joints (6,) at a moment; None where they are unknown.
 
         On a path they are where the arm's timing model has them after that time, at the speed the

@@ -22,7 +22,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from controller.cell.devices.lock import LOCK_NAME, Holder, read_holder
 from controller.results.pages import write_file
 
-from ..frame.screens import Body, RefusedError, Setting
+from ..frame.screens import PostBody, RequestRefusedError, Setting
 from ..frame.uploads import Uploaded
 from ..frame.words import word
 from ..work import CELLCTL
@@ -65,7 +65,7 @@ class CountedRecipe(BaseModel):
         return self.recipe if self.count is None else f"{self.recipe}={self.count}"
 
 
-class StartBody(Body):
+class StartBody(PostBody):
     """A start, as the browser orders it; the options are those of `cellctl run`.
 
     Attributes
@@ -165,7 +165,7 @@ class StartBody(Body):
 
 
 @dataclass(slots=True, eq=False)
-class Work:
+class StartedRun:
     """A run that the page has started.
 
     Attributes
@@ -221,7 +221,7 @@ class Launcher:
         self._command = command
         self._now = now
         self._one_at_a_time = asyncio.Lock()
-        self._work: Work | None = None
+        self._work: StartedRun | None = None
         self._lists: dict[str, tuple[str, Path]] = {}
 
     async def keep_list(self, sent: Uploaded) -> dict[str, Any]:
@@ -244,14 +244,14 @@ class Launcher:
             folder.mkdir(parents=True, exist_ok=True)
             try:
                 return write_list(sent.path, path, choices, self._project_dir)
-            except RefusedError:
+            except RequestRefusedError:
                 path.unlink(missing_ok=True)
                 raise
 
         try:
             found = await asyncio.to_thread(keep)
         except OSError as error:
-            raise RefusedError(507, f"{path}: {error.strerror}") from error
+            raise RequestRefusedError(507, f"{path}: {error.strerror}") from error
         self._lists[key] = (sent.name, path)
         while len(self._lists) > LIST_KEPT_COUNT:
             _, old = self._lists.pop(next(iter(self._lists)))
@@ -276,14 +276,16 @@ class Launcher:
         """
         async with self._one_at_a_time:
             if self._work is not None and self._work.process.poll() is None:
-                raise RefusedError(409, word("the run that was started here has not ended yet"))
+                raise RequestRefusedError(
+                    409, word("the run that was started here has not ended yet")
+                )
             lock = self._runs_dir / LOCK_NAME
             holder: Holder | None = await asyncio.to_thread(read_holder, lock)
             if holder is not None:
-                raise RefusedError(409, f"{holder} has the cell")
+                raise RequestRefusedError(409, f"{holder} has the cell")
             require_known(body, await self.choices())
             if body.parts_list and body.parts_list not in self._lists:
-                raise RefusedError(
+                raise RequestRefusedError(
                     409, word("the list of parts is not there any more; send it again")
                 )
             self._work = await asyncio.to_thread(self._spawn, body, who)
@@ -304,7 +306,7 @@ class Launcher:
         RefusedError : there is none
         """
         if self._work is None or self._work.process.poll() is not None:
-            raise RefusedError(409, word("no run is being prepared that was started here"))
+            raise RequestRefusedError(409, word("no run is being prepared that was started here"))
         self._work.process.send_signal(signal.SIGTERM)
 
     def _last(self) -> StartBody | None:
@@ -326,7 +328,7 @@ class Launcher:
         """Return the last run that was started here, as JSON; None before the first."""
         return None if self._work is None else self._work.facts()
 
-    def _spawn(self, body: StartBody, who: str) -> Work:
+    def _spawn(self, body: StartBody, who: str) -> StartedRun:
         folder = self._runs_dir / LOG_FOLDER
         began = self._now()
         log = folder / f"{began:%Y%m%d-%H%M%S-%f}.log"
@@ -350,8 +352,8 @@ class Launcher:
                     start_new_session=True,
                 )
         except OSError as error:
-            raise RefusedError(507, f"{log}: {error.strerror}") from error
-        return Work(name or " ".join(recipes), who, began.isoformat(), log, process)
+            raise RequestRefusedError(507, f"{log}: {error.strerror}") from error
+        return StartedRun(name or " ".join(recipes), who, began.isoformat(), log, process)
 
 
 def require_known(body: StartBody, choices: Choices) -> None:
@@ -369,9 +371,9 @@ def require_known(body: StartBody, choices: Choices) -> None:
     named = [(one.recipe, choices.recipe(one.recipe)) for one in body.recipes]
     for name, found in (*named, *([(body.cell, choices.cell(body.cell))] if body.cell else [])):
         if found is None:
-            raise RefusedError(422, f"`{name}`: there is no such file in the project")
+            raise RequestRefusedError(422, f"`{name}`: there is no such file in the project")
         if found.problem:
-            raise RefusedError(422, found.problem)
+            raise RequestRefusedError(422, found.problem)
 
 
 def _last_lines(log: Path) -> list[str]:

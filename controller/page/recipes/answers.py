@@ -14,15 +14,26 @@ from starlette.responses import JSONResponse, Response
 
 from controller.config import ConfigError, Recipe
 
-from ..frame import Act, Body, Look, NoBody, Setting, Upload, Uploaded, Visit, refused, word
+from ..frame import (
+    GetRoute,
+    NoBody,
+    PostBody,
+    PostRoute,
+    Setting,
+    Upload,
+    Uploaded,
+    Visit,
+    refused,
+    word,
+)
 from ..frame.drawn import packed, packed_json
 from ..security import Role
-from ..work import BusyError, Work, Workshop, WorkState
-from .editing import Changes, NotAsShownError, drafted, save
+from ..work import BusyError, ChildWork, Workshop, WorkState
+from .editing import NotAsShownError, RecipeChanges, drafted, save
 from .folder import ReadRecipe, RecipeFile, RecipeFolder, read_recipe
 from .noting import note
 from .shown import check_shown, mesh_shown, part_shown, plan_shown
-from .taking import Stage, take
+from .taking import UploadStage, take
 
 SENT: Final = "sent"  # the key of a file that was sent and is no recipe yet
 MAX_KEY: Final = 200
@@ -44,7 +55,7 @@ SHOWN: Final[dict[str, Callable[[dict[str, Any]], dict[str, Any]]]] = {
 }
 
 
-class WorkBody(Body):
+class WorkBody(PostBody):
     """Work on a recipe; a plan may be made from one stable pose, by its index."""
 
     of: str = Field(min_length=1, max_length=MAX_KEY)
@@ -52,11 +63,11 @@ class WorkBody(Body):
     pose: int | None = Field(default=None, ge=0, le=MAX_POSE)
 
 
-class DraftBody(Body):
+class DraftBody(PostBody):
     """Changes of a recipe, to be shown as a diff."""
 
     of: str = Field(min_length=1, max_length=MAX_KEY)
-    changes: Changes
+    changes: RecipeChanges
 
 
 class SaveBody(DraftBody):
@@ -65,7 +76,7 @@ class SaveBody(DraftBody):
     seen: str = Field(min_length=64, max_length=64)
 
 
-class SentBody(Body):
+class SentBody(PostBody):
     """Options for reading an uploaded file."""
 
     unit: Literal["mm", "cm", "m", "inch"] = "mm"
@@ -91,29 +102,29 @@ class RecipeAnswers:
         self._runs_dir = setting.runs_dir
         self._folder = RecipeFolder(setting.project_dir)
         self._workshop = workshop
-        self._stage = Stage()
+        self._stage = UploadStage()
         self._writing = asyncio.Lock()
 
     @property
-    def every(self) -> tuple[Look | Act | Upload, ...]:
+    def every(self) -> tuple[GetRoute | PostRoute | Upload, ...]:
         """All answers."""
         one = "{group:str}/{name:str}"
         return (
-            Look("", self.page),
-            Look("list", self.list),
-            Look(f"one/{one}", self.one),
-            Look(f"facts/{one}", self.facts),
-            Look(f"mesh/{one}", self.mesh),
-            Look(f"picture/{one}/{{kind:str}}/{{file:str}}", self.picture),
-            Look("work", self.work),
-            *(Look(f"{kind}/{one}", self._result(kind)) for kind in SHOWN),
-            Act("start", WorkBody, self.start, Role.OPERATOR),
-            Act("cancel", NoBody, self.cancel, Role.OPERATOR),
-            Act("draft", DraftBody, self.draft, Role.ENGINEER),
-            Act("save", SaveBody, self.save, Role.ENGINEER),
+            GetRoute("", self.page),
+            GetRoute("list", self.list),
+            GetRoute(f"one/{one}", self.one),
+            GetRoute(f"facts/{one}", self.facts),
+            GetRoute(f"mesh/{one}", self.mesh),
+            GetRoute(f"picture/{one}/{{kind:str}}/{{file:str}}", self.picture),
+            GetRoute("work", self.work),
+            *(GetRoute(f"{kind}/{one}", self._result(kind)) for kind in SHOWN),
+            PostRoute("start", WorkBody, self.start, Role.OPERATOR),
+            PostRoute("cancel", NoBody, self.cancel, Role.OPERATOR),
+            PostRoute("draft", DraftBody, self.draft, Role.ENGINEER),
+            PostRoute("save", SaveBody, self.save, Role.ENGINEER),
             Upload("send", UPLOAD_MAX_BYTES, SUFFIXES, self.send, Role.ENGINEER),
-            Act("read-again", SentBody, self.read_again, Role.ENGINEER),
-            Act("take", TakeBody, self.take, Role.ENGINEER),
+            PostRoute("read-again", SentBody, self.read_again, Role.ENGINEER),
+            PostRoute("take", TakeBody, self.take, Role.ENGINEER),
         )
 
     @asynccontextmanager
@@ -298,7 +309,7 @@ class RecipeAnswers:
         params = visit.request.path_params
         return await asyncio.to_thread(self._folder.find, f"{params['group']}/{params['name']}")
 
-    async def _worked(self, visit: Visit, kind: str) -> Work | None:
+    async def _worked(self, visit: Visit, kind: str) -> ChildWork | None:
         """Return finished work on the subject of a request."""
         params = visit.request.path_params
         key = SENT if params["group"] == SENT else f"{params['group']}/{params['name']}"
@@ -340,7 +351,7 @@ class RecipeAnswers:
         }
 
 
-def _shown(work: Work) -> dict[str, Any]:
+def _shown(work: ChildWork) -> dict[str, Any]:
     """Return the result of work, in the form of its kind."""
     bodies = work.bodies() if work.state in (WorkState.DONE, WorkState.REFUSED) else []
     found = SHOWN[work.kind](bodies[0]) if bodies else None

@@ -67,7 +67,7 @@ class InspectionChange(_Words):
     smallest_defect_mm: float = 3.0
 
 
-class Changes(_Words):
+class RecipeChanges(_Words):
     """All changes at once.
 
     Attributes
@@ -98,7 +98,7 @@ class Draft:
     diff: tuple[str, ...]
 
 
-def drafted(file: RecipeFile, changes: Changes) -> Draft:
+def drafted(file: RecipeFile, changes: RecipeChanges) -> Draft:
     """Return the recipe with changes; nothing is written.
 
     Parameters
@@ -128,7 +128,7 @@ def drafted(file: RecipeFile, changes: Changes) -> Draft:
     return Draft(new, hashlib.sha256(new.encode()).hexdigest(), tuple(diff))
 
 
-def save(file: RecipeFile, changes: Changes, seen_sha256: str) -> Draft:
+def save(file: RecipeFile, changes: RecipeChanges, seen_sha256: str) -> Draft:
     """Write a recipe with changes, whole or not at all; return the text written.
 
     Parameters
@@ -153,7 +153,7 @@ def save(file: RecipeFile, changes: Changes, seen_sha256: str) -> Draft:
     return draft
 
 
-def _changed(file: RecipeFile, text: str, changes: Changes) -> str:
+def _changed(file: RecipeFile, text: str, changes: RecipeChanges) -> str:
     try:
         _, indent, offset = load_yaml_guess_indent(text)
         if offset is None:  # there is no list in the file
@@ -173,7 +173,7 @@ def _changed(file: RecipeFile, text: str, changes: Changes) -> str:
     return new.replace("\n", "\r\n") if "\r\n" in text else new
 
 
-def _apply(tree: CommentedMap, changes: Changes) -> None:
+def _apply(tree: CommentedMap, changes: RecipeChanges) -> None:
     section = tree.get("inspection")
     is_new = section is None
     if section is None:

@@ -78,7 +78,7 @@ class Staged:
         return ("compile", str(self.part), *unit, "--json", "--drawings", str(folder))
 
 
-class Stage:
+class UploadStage:
     """Keeps the last uploaded file until it is taken or another one comes."""
 
     def __init__(self) -> None:

@@ -3,8 +3,8 @@
 The page's loop waits for none of it, and the cell is not involved.
 """
 
-from .files import FORMS, LISTED_FORMS, Wanted
-from .pictures import Picture
+from .files import FORMS, LISTED_FORMS, WantedFile
+from .pictures import PartPicture
 from .records import NEWER_S, Records
 from .shown import (
     page_asked,
@@ -18,9 +18,9 @@ __all__ = [
     "FORMS",
     "LISTED_FORMS",
     "NEWER_S",
-    "Picture",
+    "PartPicture",
     "Records",
-    "Wanted",
+    "WantedFile",
     "page_asked",
     "page_count",
     "part_key",

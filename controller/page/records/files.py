@@ -32,7 +32,7 @@ LISTED_FORMS: Final = ("csv", "qif")  # forms for lists of parts of several runs
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class WantedFile:
     """Content of a file to write.
 
     Attributes
@@ -55,7 +55,7 @@ class Wanted:
         return f"{self.run}{part}{ending}" if self.run else f"parts{ending}"
 
 
-def write_wanted(url: str, runs_dir: Path, wanted: Wanted, path: Path) -> str:
+def write_wanted(url: str, runs_dir: Path, wanted: WantedFile, path: Path) -> str:
     """Write a file; return the reason if it was not written, else empty.
 
     Parameters

@@ -14,7 +14,7 @@ PER_MILLE = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class PartPicture:
     """A picture of a part: its number among them, and its subject."""
 
     number: int
@@ -24,7 +24,7 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class PartPictures:
     """Data of a part from the journal.
 
     Attributes
@@ -35,14 +35,14 @@ class Shown:
     is_whole : the run has ended, and no more comes
     """
 
-    pictures: tuple[Picture, ...]
+    pictures: tuple[PartPicture, ...]
     coverage: dict[str, Any] | None
     recipe: Mapping[str, Any]
     files: Mapping[str, str]
     is_whole: bool
 
 
-def shown(runs_dir: Path, run: str, number: int) -> Shown | None:
+def shown(runs_dir: Path, run: str, number: int) -> PartPictures | None:
     """Return the journal's data of a part; None where there is no such part.
 
     Parameters
@@ -63,8 +63,8 @@ def shown(runs_dir: Path, run: str, number: int) -> Shown | None:
     found += [
         (view.view, lamp, file) for view in part.views for lamp, file in view.pictures.items()
     ]
-    pictures = tuple(Picture(i, *one) for i, one in enumerate(found))
-    return Shown(
+    pictures = tuple(PartPicture(i, *one) for i, one in enumerate(found))
+    return PartPictures(
         pictures,
         _coverage(record, part),
         record.recipe_of(part).recipe,

@@ -18,8 +18,8 @@ from controller.history.reviewing import one_part
 from controller.results import ResultsError
 
 from ..frame.words import word
-from .files import Wanted, write_wanted
-from .pictures import Picture, Shown, shown
+from .files import WantedFile, write_wanted
+from .pictures import PartPicture, PartPictures, shown
 from .work import begin, draw_crop, fill_store
 
 P = ParamSpec("P")
@@ -79,7 +79,7 @@ class Records:
         self._drawing = asyncio.Semaphore(CROPS_AT_ONCE)
         self._writing = asyncio.Semaphore(FILES_AT_ONCE)
         self._reading = asyncio.Semaphore(READS_AT_ONCE)
-        self._shown: OrderedDict[tuple[str, int], Shown] = OrderedDict()
+        self._shown: OrderedDict[tuple[str, int], PartPictures] = OrderedDict()
         self._opening = asyncio.Lock()
         self._crops: OrderedDict[tuple[str, int, int, str], bytes] = OrderedDict()
 
@@ -177,7 +177,7 @@ class Records:
                 self._crops.popitem(last=False)
         return found
 
-    async def shown(self, run: str, number: int) -> Shown | str:
+    async def shown(self, run: str, number: int) -> PartPictures | str:
         """Return the journal's data of a part, or the reason why there are none.
 
         Parameters
@@ -199,7 +199,7 @@ class Records:
                 self._shown.popitem(last=False)
         return found
 
-    async def pictures(self, run: str, number: int) -> tuple[Picture, ...] | str:
+    async def pictures(self, run: str, number: int) -> tuple[PartPicture, ...] | str:
         """Return the pictures of a part, or why there are none.
 
         Parameters
@@ -209,7 +209,7 @@ class Records:
         found = await self.shown(run, number)
         return found if isinstance(found, str) else found.pictures
 
-    async def written(self, wanted: Wanted, path: Path) -> str:
+    async def written(self, wanted: WantedFile, path: Path) -> str:
         """Write a file for a person; return the reason if it was not written, else empty.
 
         Parameters

@@ -9,10 +9,10 @@ from starlette.responses import JSONResponse, Response
 
 from controller.cell.control import MAX_WHY
 from controller.history import Filters, HistoryError, NoSuchPartError, list_parts
-from controller.history.reviewing import Decision, agreement, decide
+from controller.history.reviewing import PartDecision, agreement, decide
 
 from ..frame.drawn import mesh_of, packed, packed_json
-from ..frame.screens import Act, Body, Look, Setting
+from ..frame.screens import GetRoute, PostBody, PostRoute, Setting
 from ..frame.visit import Visit, refused
 from ..frame.words import teller, word
 from ..records import Records, page_asked, page_count, part_key, unread, verdict_class
@@ -32,7 +32,7 @@ CROP_TITLES: Final = (
 )
 
 
-class DecideBody(Body):
+class DecideBody(PostBody):
     """A verdict of a person, as the browser sends it.
 
     `seen` is the number of persons' verdicts that the page showed.
@@ -63,14 +63,14 @@ class ReviewAnswers:
         self._deciding = asyncio.Lock()
 
     @property
-    def every(self) -> tuple[Look | Act, ...]:
+    def every(self) -> tuple[GetRoute | PostRoute, ...]:
         """All answers."""
         return (
-            Look("", self.list),
-            Look("part/{run:str}/{number:int}", self.part),
-            Look("coverage/{run:str}/{number:int}", self.coverage),
-            Look("crop/{run:str}/{number:int}/{finding:int}/{which:str}", self.crop),
-            Act("decide", DecideBody, self.decide, Role.OPERATOR),
+            GetRoute("", self.list),
+            GetRoute("part/{run:str}/{number:int}", self.part),
+            GetRoute("coverage/{run:str}/{number:int}", self.coverage),
+            GetRoute("crop/{run:str}/{number:int}/{finding:int}/{which:str}", self.crop),
+            PostRoute("decide", DecideBody, self.decide, Role.OPERATOR),
         )
 
     async def list(self, visit: Visit) -> Response:
@@ -168,7 +168,7 @@ class ReviewAnswers:
             findings = {int(number): said for number, said in body.findings.items()}
         except ValueError:
             return refused(422, word("the order makes no sense"))
-        decision = Decision(body.verdict, visit.who, body.why, findings)
+        decision = PartDecision(body.verdict, visit.who, body.why, findings)
         name = f"{body.run}/{body.number}"
         await self._records.freshen()
         try:

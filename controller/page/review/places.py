@@ -11,7 +11,7 @@ from controller.inspection import by_place
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class FindingsPlace:
     """One place of a part, with the findings there.
 
     Attributes
@@ -39,7 +39,7 @@ class _Seen:
     p_part_mm: FloatArray
 
 
-def places_of(findings: Sequence[Mapping[str, Any]]) -> list[Place]:
+def places_of(findings: Sequence[Mapping[str, Any]]) -> list[FindingsPlace]:
     """Return a part's findings place by place, by the rule of its verdict; proven ones first.
 
     A finding without a known place on the part is listed alone.
@@ -55,9 +55,9 @@ def places_of(findings: Sequence[Mapping[str, Any]]) -> list[Place]:
     return sorted(found, key=lambda place: _rank(place.plainest))
 
 
-def _place(group: Sequence[Mapping[str, Any]]) -> Place:
+def _place(group: Sequence[Mapping[str, Any]]) -> FindingsPlace:
     said = {str(one["review"] or "") for one in group}
-    return Place(group[0], tuple(group[1:]), said.pop() if len(said) == 1 else "")
+    return FindingsPlace(group[0], tuple(group[1:]), said.pop() if len(said) == 1 else "")
 
 
 def _rank(one: Mapping[str, Any]) -> tuple[bool, float, int]:

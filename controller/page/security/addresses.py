@@ -9,7 +9,7 @@ LOOPBACK_NAMES: Final = ("localhost",)
 
 
 @dataclass(frozen=True, slots=True)
-class Site:
+class PageAddress:
     """Where browsers find the page.
 
     Attributes
@@ -34,7 +34,9 @@ class Site:
         return "__Host-cellctl" if self.is_secure else "cellctl"
 
     @classmethod
-    def served(cls, host: str, port: int, *, with_tls: bool, names: tuple[str, ...] = ()) -> "Site":
+    def served(
+        cls, host: str, port: int, *, with_tls: bool, names: tuple[str, ...] = ()
+    ) -> "PageAddress":
         """Return the site of a server that browsers reach directly.
 
         Parameters
@@ -53,7 +55,7 @@ class Site:
         return cls(frozenset(origins), with_tls)
 
     @classmethod
-    def behind(cls, origin: str) -> "Site":
+    def behind(cls, origin: str) -> "PageAddress":
         """Return the site of a reverse proxy.
 
         Raises

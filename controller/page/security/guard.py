@@ -12,7 +12,7 @@ import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
-from .addresses import Site
+from .addresses import PageAddress
 
 if TYPE_CHECKING:  # accounts are kept without the packages of the server
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -54,7 +54,7 @@ class Guard:
     uploads : addresses that take a file, with its largest size [bytes]
     """
 
-    def __init__(self, app: ASGIApp, site: Site, uploads: Mapping[str, int]) -> None:
+    def __init__(self, app: ASGIApp, site: PageAddress, uploads: Mapping[str, int]) -> None:
         self._app = app
         self._uploads = uploads
         self._hosts = frozenset(host.encode() for host in site.hosts)

@@ -37,7 +37,7 @@ ADDRESS_MAX_COUNT: Final = 10_000
 
 
 @dataclass(slots=True)
-class Session:
+class BrowserSession:
     """A logged-in browser.
 
     Attributes
@@ -116,13 +116,15 @@ class Sessions:
             mark = self._mark(account.name)
         except AccountsError:  # whoever comes by the link is let in; the session ends with the page
             mark = UNREAD
-        self._by_digest[_digest(secret)] = Session(account, _csrf(secret), now_s, now_s, mark)
+        self._by_digest[_digest(secret)] = BrowserSession(
+            account, _csrf(secret), now_s, now_s, mark
+        )
         while len(self._by_digest) > SESSION_MAX_COUNT:
             self._by_digest.popitem(last=False)
         self._keep()
         return secret
 
-    def find(self, secret: str) -> Session | None:
+    def find(self, secret: str) -> BrowserSession | None:
         """Return the session of a secret, None if it has ended or never was."""
         digest = _digest(secret)
         found = self._by_digest.get(digest)
@@ -156,9 +158,9 @@ class Sessions:
     def _mark(self, name: str) -> str:
         return "" if self._accounts is None else self._accounts.mark(name)
 
-    def _read(self) -> OrderedDict[str, Session]:
+    def _read(self) -> OrderedDict[str, BrowserSession]:
         """Return the valid sessions of the file; none where it cannot be trusted."""
-        found: OrderedDict[str, Session] = OrderedDict()
+        found: OrderedDict[str, BrowserSession] = OrderedDict()
         if self._path is None:
             return found
         now_s = self._clock()
@@ -167,7 +169,7 @@ class Sessions:
             file = _File() if content is None else _File.model_validate_json(content)
             for one in file.sessions[-SESSION_MAX_COUNT:]:
                 account = Account(one.name, Role(one.role))
-                session = Session(account, "", one.began_s, one.used_s, one.mark)
+                session = BrowserSession(account, "", one.began_s, one.used_s, one.mark)
                 if not _is_over(session, now_s) and self._mark(one.name) == one.mark:
                     found[one.digest] = session
         except (OSError, SharedFileError, AccountsError, ValidationError) as error:
@@ -246,7 +248,7 @@ def same(a: str, b: str) -> bool:
     return compare_digest(a.encode(), b.encode())
 
 
-def _is_over(session: Session, now_s: float) -> bool:
+def _is_over(session: BrowserSession, now_s: float) -> bool:
     """Return whether a session is too old, or idle for too long, or of a time to come."""
     idle_s, age_s = now_s - session.used_s, now_s - session.began_s
     return abs(idle_s) > IDLE_MAX_WALL_S or abs(age_s) > AGE_MAX_WALL_S

@@ -12,7 +12,14 @@ from ._measured import measured_picture
 from ._offer import offered_views
 from ._pictures import EdgePicture, Stance, predict
 from ._rules import DisambiguationRules
-from ._separate import Model, Predicted, Separations, model_of, predict_view, separations
+from ._separate import (
+    HypothesisModel,
+    PredictedPictures,
+    Separations,
+    model_of,
+    predict_view,
+    separations,
+)
 from ._tree import (
     DecidingView,
     DisambiguationTree,
@@ -28,11 +35,11 @@ __all__ = [
     "DisambiguationTree",
     "EdgePicture",
     "HeldHypothesis",
+    "HypothesisModel",
     "Identification",
     "Indistinguishable",
     "Light",
-    "Model",
-    "Predicted",
+    "PredictedPictures",
     "Separations",
     "Stance",
     "apart",

@@ -13,7 +13,7 @@ from ..model import Light
 from ._difference import difference
 from ._pictures import EdgePicture
 from ._rules import DisambiguationRules
-from ._separate import Predicted, needed_px
+from ._separate import PredictedPictures, needed_px
 
 # Share of the difference of two predictions by which a picture must be nearer to one.
 CONVINCED = 0.5
@@ -34,7 +34,7 @@ class Identification:
 
 
 def compare(
-    measured: EdgePicture, predicted: Predicted, light: Light, among: Sequence[int]
+    measured: EdgePicture, predicted: PredictedPictures, light: Light, among: Sequence[int]
 ) -> FloatArray:
     """Return the number of pixels by which a picture differs from each prediction.
 
@@ -95,7 +95,7 @@ def discriminate(
     return Identification(tuple(left), differs_px)
 
 
-def apart(predicted: Predicted, light: Light) -> FloatArray:
+def apart(predicted: PredictedPictures, light: Light) -> FloatArray:
     """Return the number of pixels by which the predictions of one view differ (n, n)."""
     n = len(predicted.pictures)
     found = np.zeros((n, n))
@@ -106,6 +106,6 @@ def apart(predicted: Predicted, light: Light) -> FloatArray:
     return found
 
 
-def edges_shown(predicted: Predicted) -> FloatArray:
+def edges_shown(predicted: PredictedPictures) -> FloatArray:
     """Return the length [px] of edges each prediction shows clear of the arm gripper (n,)."""
     return np.array([float((p.edges & ~p.before).sum()) * p.step_px for p in predicted.pictures])

@@ -11,14 +11,16 @@ from controller.arrays import BoolArray, Grey
 from controller.imaging import mask_rim
 
 from ._pictures import EdgePicture
-from ._separate import Predicted
+from ._separate import PredictedPictures
 
 SMOOTH_PX = 1.2
 EDGE_NOISES = 8.0  # strength of an edge in noises of the picture; half of it continues one
 MIN_STEP_GREY = 8.0
 
 
-def measured_picture(predicted: Predicted, backlit: Grey, lit: Sequence[Grey] = ()) -> EdgePicture:
+def measured_picture(
+    predicted: PredictedPictures, backlit: Grey, lit: Sequence[Grey] = ()
+) -> EdgePicture:
     """Return outline and edges of a photographed part.
 
     Edges far from those of every hypothesis, on the arm gripper or behind the part, do not

@@ -50,7 +50,7 @@ class Separations:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Predicted:
+class PredictedPictures:
     """Predicted pictures of all hypotheses in one view, on one grid, and the possible offset."""
 
     roi: Roi
@@ -59,28 +59,28 @@ class Predicted:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Model:
+class HypothesisModel:
     """Model that predicts pictures of a hypothesis: a caster of its mesh, its outer points."""
 
     caster: RayCaster
     outer_mm: FloatArray
 
 
-def model_of(hypothesis: HeldHypothesis) -> Model:
+def model_of(hypothesis: HeldHypothesis) -> HypothesisModel:
     """Return the model by which pictures of a hypothesis are predicted."""
-    return Model(RayCaster(hypothesis.solid.mesh), outer_points(hypothesis.solid))
+    return HypothesisModel(RayCaster(hypothesis.solid.mesh), outer_points(hypothesis.solid))
 
 
 def predict_view(
     hypotheses: Sequence[HeldHypothesis],
-    models: Sequence[Model],
+    models: Sequence[HypothesisModel],
     layout: CellLayout,
     q: FloatArray,
     opening_mm: float,
     step_px: int,
     rules: DisambiguationRules,
     camera: Camera | None = None,
-) -> Predicted | None:
+) -> PredictedPictures | None:
     """Return the pictures of all hypotheses in one configuration (6,), None if out of sight.
 
     Parameters
@@ -109,7 +109,7 @@ def predict_view(
         predict(c.solid, m.caster, T, camera, roi, step_px, arm_gripper, rules)
         for c, m, T in zip(hypotheses, models, T_parts, strict=True)
     )
-    return Predicted(roi, pictures, stance)
+    return PredictedPictures(roi, pictures, stance)
 
 
 def separations(
@@ -174,7 +174,7 @@ def separations(
 
 def _margins(
     hypotheses: Sequence[HeldHypothesis],
-    models: Sequence[Model],
+    models: Sequence[HypothesisModel],
     layout: CellLayout,
     q: FloatArray,
     opening_mm: float,

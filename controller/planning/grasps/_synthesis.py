@@ -23,7 +23,7 @@ from .contact import Contacts, least_load
 from .judge import FilterStage, Judge, closed, score_of
 from .robust import margins
 from .seeds import (
-    Candidates,
+    GraspCandidates,
     Seeds,
     approach_seems_free,
     axis_distance,
@@ -252,13 +252,13 @@ class _Measured:
         )
 
     def picks(self, judge: Judge, downs: FloatArray) -> BoolArray:
-        taken = Candidates(self.contacts.T, self.contacts.opening, self.inner)
+        taken = GraspCandidates(self.contacts.T, self.contacts.opening, self.inner)
         return _picks(judge, taken, downs)
 
 
 def _cover_of(
     members: IntArray,
-    able: Candidates,
+    able: GraspCandidates,
     score: FloatArray,
     picks: BoolArray,
     count: int,
@@ -270,11 +270,11 @@ def _cover_of(
 
 def _sorted_out(
     judge: Judge,
-    tried: Candidates,
+    tried: GraspCandidates,
     seeds: Seeds,
     picks: BoolArray,
     contact_mm2: float,
-) -> tuple[Candidates, FloatArray, FloatArray]:
+) -> tuple[GraspCandidates, FloatArray, FloatArray]:
     """Return the candidates that hold by coarse rays and clear the part, scores and contacts.
 
     In batches that take from every pose's picks and from all in turn, until there are
@@ -301,7 +301,7 @@ def _sorted_out(
         if count >= rules.enough_count:
             break
     return (
-        Candidates(
+        GraspCandidates(
             np.concatenate([k.T for k in kept]),
             np.concatenate([k.gap for k in kept]),
             np.concatenate([k.inner for k in kept]),
@@ -331,7 +331,7 @@ def _in_turn(groups: Sequence[BoolArray]) -> IntArray:
 
 def _measured(
     judge: Judge,
-    able: Candidates,
+    able: GraspCandidates,
     numbers: IntArray,
     down: FloatArray | None = None,
     table_mm2: float | None = None,
@@ -360,7 +360,7 @@ def _measured(
     )
 
 
-def _picks(judge: Judge, taken: Candidates, downs: FloatArray) -> BoolArray:
+def _picks(judge: Judge, taken: GraspCandidates, downs: FloatArray) -> BoolArray:
     """Return a mask (k, n) of the candidates that take the part from above in each stable pose."""
     wide = open_gap(taken.gap, taken.inner, judge.jaw, judge.rules)
     picks = [lifts_off_table(taken.T, wide, judge.jaw, judge.hull, down) for down in downs]

@@ -13,7 +13,7 @@ from controller.imaging import RayCaster
 
 from ..model import GraspRules, Jaw
 from .contact import GRAVITY_N_PER_KG, Contacts, PadGrid, close_pads, loads
-from .seeds import Candidates, narrowest_inner, widest_inner
+from .seeds import GraspCandidates, narrowest_inner, widest_inner
 
 FULL_CONTACT_MM2 = 120.0  # more contact does not make a grasp surer
 NO_OFFSET_MM = 12.0  # contacts this far apart leave nothing of a grasp's score
@@ -41,7 +41,7 @@ class FilterStage:
         return f"{self.name} {self.left} ({best}, {self.limit:.3g}{self.unit} required)"
 
 
-class Tally:
+class StageTally:
     """Tally of stages in the order of their first use, summed over batches."""
 
     def __init__(self) -> None:
@@ -103,7 +103,7 @@ class Judge:
     ) -> None:
         self.solid, self.caster, self.jaw, self.rules = solid, caster, jaw, rules
         self.gravities = gravities
-        self.tally = Tally()
+        self.tally = StageTally()
         self.hull = solid.hull_mm
         self.face_normals = np.asarray(solid.mesh.face_normals, dtype=np.float32)
         self.weight_n = solid.volume_mm3 * rules.density_kg_mm3 * GRAVITY_N_PER_KG
@@ -211,7 +211,7 @@ def score_of(found: Contacts) -> FloatArray:
     return np.asarray(area * np.maximum(0.05, 1.0 - found.offset / NO_OFFSET_MM))
 
 
-def closed(tried: Candidates, found: Contacts, rows: IntArray) -> Candidates:
+def closed(tried: GraspCandidates, found: Contacts, rows: IntArray) -> GraspCandidates:
     """Return some of the candidates in their closed poses.
 
     Parameters
@@ -220,4 +220,4 @@ def closed(tried: Candidates, found: Contacts, rows: IntArray) -> Candidates:
     found : contacts, one set for each
     rows : numbers of those to return
     """
-    return Candidates(found.T[rows], found.opening[rows], tried.inner[rows])
+    return GraspCandidates(found.T[rows], found.opening[rows], tried.inner[rows])

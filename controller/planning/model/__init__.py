@@ -26,9 +26,9 @@ from .plan import (
     Unseen,
     lit_count,
 )
-from .prepared import HandOff, PlanOptions, PreparedPart, Rest, ShortFace
+from .prepared import FaceToShowAgain, HandOff, PlanOptions, PreparedPart, Rest
 from .starts import InArm, InFixedGripper, OnTable, Start
-from .visibility import Counted, Directions, HiddenEvidence, Openings, VisibilityTable
+from .visibility import BoreOpenings, Counted, Directions, HiddenEvidence, VisibilityTable
 
 __all__ = [
     "JOINT_COUNT",
@@ -37,10 +37,12 @@ __all__ = [
     "Ambiguity",
     "ArmLink",
     "ArmModel",
+    "BoreOpenings",
     "CellLayout",
     "CellTimes",
     "Counted",
     "Directions",
+    "FaceToShowAgain",
     "GiveStep",
     "Grasp",
     "GraspRules",
@@ -60,7 +62,6 @@ __all__ = [
     "NoPlanError",
     "NotGraspableError",
     "OnTable",
-    "Openings",
     "OutOfReachError",
     "Pads",
     "Park",
@@ -75,7 +76,6 @@ __all__ = [
     "ReceiveStep",
     "Rest",
     "SetDown",
-    "ShortFace",
     "Start",
     "Step",
     "TimingModel",

@@ -13,7 +13,7 @@ from controller.imaging import inverse_pose
 
 from ..geometry import Box, PartShape, PlacedShape
 from .grasp import Grasp, GraspRules
-from .visibility import Counted, Directions, Openings, VisibilityTable
+from .visibility import BoreOpenings, Counted, Directions, VisibilityTable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +78,7 @@ class PlanOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class ShortFace:
+class FaceToShowAgain:
     """A face with too little compared from a grasp of the arm, though it was in sight.
 
     Attributes
@@ -124,7 +124,7 @@ class PreparedPart:
     fixed_grasps: tuple[Grasp, ...]
     visibility_table: VisibilityTable
     shown: tuple[BoolArray, ...]
-    openings: Openings
+    openings: BoreOpenings
     shown_open: tuple[BoolArray, ...]
     view_q: tuple[Mapping[int, FloatArray], ...]
     hand_offs: tuple[Mapping[int, HandOff], ...]

@@ -45,7 +45,7 @@ class VisibilityTable:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Openings:
+class BoreOpenings:
     """What a view has to show of a part's bores: light through them, or the floor's edge.
 
     Attributes

@@ -16,14 +16,14 @@ from controller.arrays import BoolArray, FloatArray
 from ..model import NoMotionError
 from ._kinematics import tcp_pose
 from .scene import Scene
-from .segments import END_MARGIN_MM, MARGIN_MM, Ends, segment_free, segment_seems_free
+from .segments import END_MARGIN_MM, MARGIN_MM, PathEnds, segment_free, segment_seems_free
 from .timing import segment_seconds
 from .trees import rrt_connect
 
 
 def path_free(scene: Scene, path: Sequence[FloatArray]) -> bool:
     """Return True if joint moves through waypoints are free, with thinner margins at both ends."""
-    ends = Ends.of(scene.layout, path[0], path[-1])
+    ends = PathEnds.of(scene.layout, path[0], path[-1])
     return all(segment_free(scene, a, b, ends) for a, b in pairwise(path))
 
 
@@ -52,7 +52,7 @@ def connect(
     ------
     NoMotionError : no path was found; the message begins with `what`
     """
-    ends = Ends.of(scene.layout, q_from, q_to)
+    ends = PathEnds.of(scene.layout, q_from, q_to)
     if segment_free(scene, q_from, q_to, ends):
         return (q_to,)
     known: dict[bytes, bool] = {}
@@ -82,7 +82,7 @@ def _key(a: FloatArray, b: FloatArray) -> bytes:
 
 
 def _promising(
-    scene: Scene, paths: Sequence[Sequence[FloatArray]], ends: Ends
+    scene: Scene, paths: Sequence[Sequence[FloatArray]], ends: PathEnds
 ) -> list[Sequence[FloatArray]]:
     """Return the paths that pass a check of a few states of each segment, quickest first.
 

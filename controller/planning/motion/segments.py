@@ -31,13 +31,13 @@ _TUBE_AT = np.linspace(0.0, 1.0, 49)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ends:
+class PathEnds:
     """TCP positions [mm] at both ends of a path, near which the margin is the thin one."""
 
     tcps_mm: FloatArray
 
     @classmethod
-    def of(cls, layout: CellLayout, q_from: FloatArray, q_to: FloatArray) -> Ends:
+    def of(cls, layout: CellLayout, q_from: FloatArray, q_to: FloatArray) -> PathEnds:
         """Return the ends of a joint move.
 
         Parameters
@@ -53,7 +53,7 @@ class Ends:
         return np.asarray(away.min(axis=1) < END_LENGTH_MM)
 
 
-def segment_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends) -> bool:
+def segment_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: PathEnds) -> bool:
     """Return True if one joint move keeps the margins all the way, between its states as well.
 
     Parameters
@@ -99,7 +99,7 @@ def segment_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends)
 
 
 def segment_seems_free(
-    scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends, tube_mm: float = 0.0
+    scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: PathEnds, tube_mm: float = 0.0
 ) -> bool:
     """Return True if sampled states of a move are free; `segment_free` must follow.
 

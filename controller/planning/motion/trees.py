@@ -16,7 +16,7 @@ from controller.arrays import FloatArray
 
 from ..model import JOINT_COUNT
 from .scene import Scene
-from .segments import BROAD_PHASE_TUBE_MM, MARGIN_MM, Ends, segment_free, segment_seems_free
+from .segments import BROAD_PHASE_TUBE_MM, MARGIN_MM, PathEnds, segment_free, segment_seems_free
 from .timing import move_seconds, travel_seconds
 
 TURN_COUNT = 400
@@ -61,7 +61,7 @@ def rrt_connect(
     """
     rng = np.random.default_rng(seed)
     layout = scene.layout
-    ends = Ends.of(layout, start, goal)
+    ends = PathEnds.of(layout, start, goal)
     trees = (_Tree(start[None]), _Tree(goal[None], forward=False))
 
     def extend(tree: _Tree, target: FloatArray) -> tuple[int, bool]:
@@ -111,7 +111,7 @@ def _free_samples(scene: Scene, rng: np.random.Generator) -> list[FloatArray]:
 
 
 def shortened(
-    path: list[FloatArray], scene: Scene, ends: Ends, rng: np.random.Generator
+    path: list[FloatArray], scene: Scene, ends: PathEnds, rng: np.random.Generator
 ) -> list[FloatArray]:
     """Return a quicker path: waypoints left out, then corners cut where that saves seconds.
 

@@ -17,7 +17,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from ..model import CellLayout, Grasp, HandOff, PreparedPart, lit_count
 from ..motion import move_seconds, segment_seconds
 from ..regrasps import PickPath, stands_steadily
-from ..search import Problem, Solution
+from ..search import GraspSequence, Problem
 from .choice import worth_of
 
 # Time lost by a failed grasp: the part is found, recognised and grasped again in about a minute.
@@ -228,7 +228,7 @@ def make_edge_costs(
 
 
 def worthwhile(
-    costs: EdgeCosts, part: PreparedPart, layout: CellLayout, solution: Solution
+    costs: EdgeCosts, part: PreparedPart, layout: CellLayout, solution: GraspSequence
 ) -> BoolArray:
     """Return the elements (m,) that are worth the seconds of showing them.
 

@@ -17,6 +17,7 @@ from controller.cad import Solid, StablePose, SurfaceSamples, share_of, uncertai
 
 from ..model import (
     CellLayout,
+    FaceToShowAgain,
     Grasp,
     InArm,
     InFixedGripper,
@@ -28,11 +29,10 @@ from ..model import (
     PlanOptions,
     PreparedPart,
     Proof,
-    ShortFace,
     Start,
 )
 from ..regrasps import PickPath
-from ..search import COARSE, FULL, Problem, Solution, refuted, solve
+from ..search import COARSE, FULL, GraspSequence, Problem, refuted, solve
 from .beginning import Beginning, from_arm, from_fixed_gripper, from_table
 from .build import Build, Builder, RefutedError, check_trays_in_reach
 from .costs import EdgeCosts, RegraspSite, make_edge_costs, view_seconds, worthwhile
@@ -85,7 +85,7 @@ def plan_from(
     *,
     seen: BoolArray | None = None,
     avoid: frozenset[str] = frozenset(),
-    short: frozenset[ShortFace] = frozenset(),
+    short: frozenset[FaceToShowAgain] = frozenset(),
     rng_seed: int = 0,
 ) -> Plan:
     """Return the plan for the surface still to be shown, from the part's present place.
@@ -169,7 +169,7 @@ class _Task:
             self.avoid,
         )
 
-    def is_shown_by(self, solution: Solution | None) -> bool:
+    def is_shown_by(self, solution: GraspSequence | None) -> bool:
         """Return True if a solution shows all that any grasp shows, even an unreachable one."""
         if solution is None:
             return False
@@ -258,7 +258,7 @@ def _plan(task: _Task, seed: int) -> Plan:
     )
 
 
-def _is_of_second_choice(error: RefutedError, solution: Solution, costs: EdgeCosts) -> bool:
+def _is_of_second_choice(error: RefutedError, solution: GraspSequence, costs: EdgeCosts) -> bool:
     """Return True if the refuted edges are only views that the search did not choose."""
     chosen = {
         (g, int(costs.views[g][row]))
@@ -284,7 +284,7 @@ class _SolutionBuilder:
         self._costs = costs
         self._builder = Builder(task.part, task.layout, seed)
 
-    def plan(self, problem: Problem, solution: Solution, second_count: int) -> Plan:
+    def plan(self, problem: Problem, solution: GraspSequence, second_count: int) -> Plan:
         """Return the plan that a solution stands for.
 
         Parameters

@@ -27,12 +27,12 @@ from ..grasps import (
 from ..model import (
     CellLayout,
     Counted,
+    FaceToShowAgain,
     Grasp,
     HandOff,
     NotGraspableError,
     PlanOptions,
     PreparedPart,
-    ShortFace,
 )
 from ..motion import Scene, segment_seconds
 from ..regrasps import clear_hand_offs, hand_offs, rests, set_downs
@@ -226,7 +226,7 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
     )
 
 
-def without_short(part: PreparedPart, short: Collection[ShortFace]) -> PreparedPart:
+def without_short(part: PreparedPart, short: Collection[FaceToShowAgain]) -> PreparedPart:
     """Return the part as if some grasps did not show some faces; turned over, none shows more.
 
     Parameters

@@ -16,8 +16,8 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.imaging import RayCaster
 
 from ..model import CellLayout, Look, PreparedPart
-from ..search import Problem, Solution, exact_cover, solution_of
-from ..views import Counter, Sighting, most_worth, nearest_on_face
+from ..search import GraspSequence, Problem, exact_cover, solution_of
+from ..views import CameraSight, Counter, most_worth, nearest_on_face
 from .choice import worth_of
 from .costs import EdgeCosts
 
@@ -46,7 +46,7 @@ class SecondChoice:
         look: Look | None,
     ) -> None:
         self._part, self._costs = part, costs
-        self._sightings: dict[tuple[int, int], Sighting] = {}
+        self._sightings: dict[tuple[int, int], CameraSight] = {}
         self._left: IntArray = np.zeros(0, dtype=np.int64)  # probes that nothing has shown yet
         if part.counted is None:
             return
@@ -61,7 +61,7 @@ class SecondChoice:
             unseen &= ~self._counter.on_table(look.T_world_part)
         self._left = np.flatnonzero(unseen)
 
-    def added_to(self, problem: Problem, solution: Solution) -> Solution:
+    def added_to(self, problem: Problem, solution: GraspSequence) -> GraspSequence:
         """Return a solution with the same grasps whose views show blind spots, too.
 
         Parameters
@@ -136,7 +136,7 @@ class _Rows:
     shows: BoolArray
 
     @classmethod
-    def of(cls, problem: Problem, solution: Solution) -> _Rows:
+    def of(cls, problem: Problem, solution: GraspSequence) -> _Rows:
         needed = solution.needed & solution.covered
         rows = [
             (turn, g, view)
@@ -153,7 +153,7 @@ class _Rows:
             np.array([problem.shows[g][view, needed] for _, g, view in rows]),
         )
 
-    def chosen_by(self, solution: Solution) -> list[int]:
+    def chosen_by(self, solution: GraspSequence) -> list[int]:
         """Return the rows that a solution takes."""
         taken = {
             (g, view)

@@ -4,8 +4,8 @@ from ._exact import exact_cover
 from ._greedy import greedy
 from ._problem import (
     MAX_GRASP_COUNT,
+    GraspSequence,
     Problem,
-    Solution,
     live_grasps,
     needed_of,
     refuted,
@@ -21,8 +21,8 @@ __all__ = [
     "FULL",
     "MAX_GRASP_COUNT",
     "Effort",
+    "GraspSequence",
     "Problem",
-    "Solution",
     "best_order",
     "exact_cover",
     "greedy",

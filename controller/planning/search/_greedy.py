@@ -6,10 +6,10 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
 
-from ._problem import MAX_GRASP_COUNT, Problem, Solution, live_grasps, needed_of, solution_of
+from ._problem import MAX_GRASP_COUNT, GraspSequence, Problem, live_grasps, needed_of, solution_of
 
 
-def greedy(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> Solution | None:
+def greedy(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> GraspSequence | None:
     """Return a solution that takes the grasp or view with the largest gain at each turn.
 
     The first grasp is the one that can be had at the start and shows most; then, from the present
@@ -83,7 +83,7 @@ def _finish(
 
 def _with_views(
     problem: Problem, grasps: list[int], needed: BoolArray, max_grasps: int
-) -> Solution:
+) -> GraspSequence:
     candidates = [
         (k, v)
         for k, g in enumerate(grasps)

@@ -80,7 +80,7 @@ class Problem:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Solution:
+class GraspSequence:
     """Grasps to hold the part with in turn, and the views to take under each.
 
     Attributes
@@ -175,7 +175,7 @@ def solution_of(
     bound_s: float,
     max_grasps: int = MAX_GRASP_COUNT,
     covers_count: int = 0,
-) -> Solution:
+) -> GraspSequence:
     """Return a solution with its cost and coverage, computed from the problem alone.
 
     Parameters
@@ -190,7 +190,7 @@ def solution_of(
     covered = np.zeros(len(problem.weights), dtype=bool)
     for g, chosen in zip(grasps, views, strict=True):
         covered |= problem.shows[g][list(chosen)].any(axis=0)
-    return Solution(
+    return GraspSequence(
         grasps=tuple(int(g) for g in grasps),
         views=tuple(tuple(sorted(int(v) for v in chosen)) for chosen in views),
         cost_s=cost_of(problem, grasps, views),

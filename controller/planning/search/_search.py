@@ -58,7 +58,7 @@ _MISSED = 8  # number of elements added where a cover of the core leaves some ou
 
 
 @dataclass(slots=True, eq=False)
-class Pool:
+class GraspSets:
     """Sets of grasps that show everything, and the progress of the search on each."""
 
     grasps: list[tuple[int, ...]] = field(default_factory=list)  # the cheapest sequence
@@ -71,7 +71,7 @@ class Pool:
     at: dict[tuple[int, ...], int] = field(default_factory=dict)
 
 
-class Search:
+class GraspSearch:
     """One run; `best` is the best solution so far, in the problem's numbering.
 
     Parameters
@@ -90,7 +90,7 @@ class Search:
         self.best: tuple[tuple[int, ...], tuple[tuple[int, ...], ...], float] | None = None
         self.best_s = np.inf
         self.covers = self.floored = self.dives = 0
-        self.pool = Pool()
+        self.pool = GraspSets()
         self.levels: list[GraspSequences] = []
         self.all_s = 0.0  # what views cost at least, whatever the grasps
         self.extra: list[int] = []  # elements that covers of the core left out

@@ -12,14 +12,14 @@ from controller.arrays import BoolArray
 from ._greedy import greedy
 from ._problem import (
     MAX_GRASP_COUNT,
+    GraspSequence,
     Problem,
-    Solution,
     cost_of,
     live_grasps,
     needed_of,
     solution_of,
 )
-from ._search import FULL, Effort, Search
+from ._search import FULL, Effort, GraspSearch
 from ._tables import make_tables, quick_cover
 
 
@@ -28,8 +28,8 @@ def solve(
     *,
     max_grasps: int = MAX_GRASP_COUNT,
     effort: Effort = FULL,
-    incumbent: Solution | None = None,
-) -> Solution | None:
+    incumbent: GraspSequence | None = None,
+) -> GraspSequence | None:
     """Return the grasps and views that show every needed element at the least cost.
 
     Parameters
@@ -55,7 +55,7 @@ def solve(
         return None
     needed = needed_of(problem, max_grasps)
     tables = make_tables(problem, max_grasps)
-    search = Search(problem, tables, max_grasps, effort)
+    search = GraspSearch(problem, tables, max_grasps, effort)
     for known in (greedy(problem, max_grasps), incumbent):
         good = None if known is None else _repaired(problem, known, needed, max_grasps)
         if good is not None:
@@ -95,7 +95,7 @@ def _plain_views(problem: Problem, path: Sequence[int]) -> Iterator[tuple[int, .
 
 
 def _repaired(
-    problem: Problem, known: Solution, needed: BoolArray, max_grasps: int
+    problem: Problem, known: GraspSequence, needed: BoolArray, max_grasps: int
 ) -> tuple[tuple[int, ...], tuple[tuple[int, ...], ...]] | None:
     """Return a similar problem's solution, repaired for this problem if possible."""
     n = problem.grasp_count

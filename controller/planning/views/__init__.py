@@ -6,7 +6,7 @@ Directions are unit vectors in the part frame from its centre of mass to the cam
 from ..model import Directions, VisibilityTable
 from ._poses import Showing, hold_up, view_poses
 from ._reach import GraspViews, reachable_views
-from .counting import Counter, Sighting, nearest_on_face
+from .counting import CameraSight, Counter, nearest_on_face
 from .gripper import hidden_by_gripper, holding_boxes
 from .light import by_element, directions_to_floors, find_openings, lit_from, lit_past
 from .visibility import (
@@ -26,11 +26,11 @@ from .visibility import (
 )
 
 __all__ = [
+    "CameraSight",
     "Counter",
     "Directions",
     "GraspViews",
     "Showing",
-    "Sighting",
     "VisibilityRules",
     "VisibilityTable",
     "by_element",

@@ -36,7 +36,7 @@ def nearest_on_face(samples: SurfaceSamples, points: SurfaceSamples) -> IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
+class CameraSight:
     """A camera's sighting of a part, with the boxes in front of it.
 
     Attributes
@@ -97,9 +97,9 @@ class Counter:
         """Return a mask (m,) of what the overhead camera shows of the part at rest."""
         layout = self._layout
         T_cam_part = inverse_pose(layout.overhead.T_world_cam) @ T_world_part
-        return self.shown(Sighting(layout.overhead, layout.overhead_sharp_mm, T_cam_part, ()))
+        return self.shown(CameraSight(layout.overhead, layout.overhead_sharp_mm, T_cam_part, ()))
 
-    def sighting(self, grasp: Grasp, q: FloatArray) -> Sighting:
+    def sighting(self, grasp: Grasp, q: FloatArray) -> CameraSight:
         """Return the inspection camera's sighting of a part in a grasp, the arm at q (6,)."""
         layout = self._layout
         camera = layout.inspection
@@ -115,9 +115,9 @@ class Counter:
             others = [b for b in statics if not holds(b, camera.position_mm)]
             self._standing += [b.placed(inverse_pose(camera.T_world_cam)) for b in others]
         boxes += self._standing
-        return Sighting(camera, layout.inspection_sharp_mm, T_cam_part, tuple(boxes))
+        return CameraSight(camera, layout.inspection_sharp_mm, T_cam_part, tuple(boxes))
 
-    def shown(self, sighting: Sighting) -> BoolArray:
+    def shown(self, sighting: CameraSight) -> BoolArray:
         """Return a mask (m,) of the samples that a camera shows."""
         samples, options, camera = self._samples, self._options, sighting.camera
         T_cam_part, (sharp_from, sharp_to) = sighting.T_cam_part, sighting.sharp_mm

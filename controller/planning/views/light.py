@@ -17,7 +17,7 @@ from controller.cad import Crease, Face, Solid
 from controller.imaging import RayCaster, inverse_pose, transform
 
 from ..geometry import Box, segments_hit
-from ..model import Openings
+from ..model import BoreOpenings
 from .gripper import FINGER_SHADOW_MM
 from .visibility import VisibilityRules, eyes_of
 
@@ -34,7 +34,7 @@ AIM = 0.5  # share of a floor's width that a view made for it sees past the mout
 WAY_COUNT = 4  # directions round the axis that are tried for a floor
 
 
-def find_openings(solid: Solid) -> Openings:
+def find_openings(solid: Solid) -> BoreOpenings:
     """Return what views have to show of all bores with closed rims."""
     b = solid.boundary
     sides = b.face.reshape(-1, 2)
@@ -68,7 +68,7 @@ def find_openings(solid: Solid) -> Openings:
             points.append(_inside(face, ring))
             elements.append(first + np.arange(SECTOR_COUNT))
             axes.append(np.zeros((SECTOR_COUNT, 3)))
-    return Openings(
+    return BoreOpenings(
         np.array(faces, dtype=np.int64),
         np.array(needed, dtype=np.int64),
         np.concatenate(elements),
@@ -77,7 +77,7 @@ def find_openings(solid: Solid) -> Openings:
     )
 
 
-def lit_from(openings: Openings, caster: RayCaster, eyes: FloatArray) -> BoolArray:
+def lit_from(openings: BoreOpenings, caster: RayCaster, eyes: FloatArray) -> BoolArray:
     """Return a mask (v, k) of the places that eyes (v, 3) see, past the part where inside a rim.
 
     Parameters
@@ -100,7 +100,7 @@ def lit_from(openings: Openings, caster: RayCaster, eyes: FloatArray) -> BoolArr
 
 
 def lit_past(
-    openings: Openings,
+    openings: BoreOpenings,
     lit: BoolArray,
     eyes: FloatArray,
     T_part_frame: FloatArray,
@@ -128,7 +128,7 @@ def lit_past(
     return left
 
 
-def by_element(openings: Openings, lit: BoolArray) -> BoolArray:
+def by_element(openings: BoreOpenings, lit: BoolArray) -> BoolArray:
     """Return a mask (v, e) of the elements of which enough places are lit (v, k)."""
     shown = np.zeros((len(lit), len(openings.faces)), dtype=np.int64)
     for place, element in enumerate(openings.element.tolist()):
@@ -137,7 +137,7 @@ def by_element(openings: Openings, lit: BoolArray) -> BoolArray:
 
 
 def directions_to_floors(
-    openings: Openings,
+    openings: BoreOpenings,
     solid: Solid,
     caster: RayCaster,
     vectors: FloatArray,

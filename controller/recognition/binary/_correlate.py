@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from controller.arrays import FloatArray, IntArray
 
-from ._laying import Alignments, Candidates, lay
+from ._laying import Alignments, LaidViews, lay
 from ._strings import DEFAULT, BoundaryString
 from ._tolerances import BinaryTolerances
 
@@ -72,7 +72,7 @@ def correlate(
     like = [models[i] for i in at]
     found = [_by_outline(observed, like), _by_holes(observed, like, limits)]
     found.append(_by_corners(observed, like, limits))
-    candidates = Candidates(
+    candidates = LaidViews(
         model=np.concatenate([c.model for c in found]),
         turn_rad=np.concatenate([c.turn_rad for c in found]),
         shift_mm=np.concatenate([c.shift_mm for c in found]),
@@ -96,13 +96,13 @@ def _complex(points: FloatArray) -> NDArray[np.complex128]:
 
 def _placed(
     model: IntArray, turn: FloatArray, observed_mm: FloatArray, model_mm: FloatArray
-) -> Candidates:
+) -> LaidViews:
     """Return candidates that take points of models (n, 2) to observed ones (n, 2)."""
     moved = _complex(observed_mm) - np.exp(1j * turn) * _complex(model_mm)
-    return Candidates(model, turn, np.stack([moved.real, moved.imag], axis=1))
+    return LaidViews(model, turn, np.stack([moved.real, moved.imag], axis=1))
 
 
-def _by_outline(observed: BoundaryString, models: Sequence[BoundaryString]) -> Candidates:
+def _by_outline(observed: BoundaryString, models: Sequence[BoundaryString]) -> LaidViews:
     """Compare outlines sample by sample from every starting point.
 
     Of two closed curves as complex numbers about their middles, the correlation's modulus says
@@ -132,7 +132,7 @@ def _best_of_rows(score: FloatArray, count: int) -> tuple[IntArray, IntArray]:
 
 def _by_holes(
     observed: BoundaryString, models: Sequence[BoundaryString], limits: BinaryTolerances
-) -> Candidates:
+) -> LaidViews:
     """Match each hole of a model with each similar one of the object, about its centroid."""
     arm = _complex(observed.hole_mm - observed.centroid_mm)
     model, turn, there, here = [], [], [], []
@@ -155,7 +155,7 @@ def _by_holes(
         there.append(np.broadcast_to(observed.centroid_mm, (len(a), 2)))
         here.append(np.broadcast_to(m.centroid_mm, (len(a), 2)))
     if not model:
-        return Candidates.none()
+        return LaidViews.none()
     return _placed(
         np.concatenate(model), np.concatenate(turn), np.concatenate(there), np.concatenate(here)
     )
@@ -163,17 +163,17 @@ def _by_holes(
 
 def _by_corners(
     observed: BoundaryString, models: Sequence[BoundaryString], limits: BinaryTolerances
-) -> Candidates:
+) -> LaidViews:
     """Correlate corners from each pair of reference corners, all pairs of all models at once."""
     count = max((len(m.corner_turn_rad) for m in models), default=0)
     if count == 0 or len(observed.corner_turn_rad) == 0:
-        return Candidates.none()
+        return LaidViews.none()
     size, along, point = _padded(models, count, observed.perimeter_mm)
     # (model, its reference, the object's reference): of like sign and size
     mine = observed.corner_turn_rad
     model, i, j = np.nonzero(np.abs(size[:, :, None] - mine) <= limits.turn_near_rad)
     if len(model) == 0:
-        return Candidates.none()
+        return LaidViews.none()
     whole = observed.perimeter_mm
     from_there = _wrapped(along[model] - along[model, i][:, None], whole)
     from_here = _wrapped(observed.corner_along_mm - observed.corner_along_mm[j][:, None], whole)
@@ -191,7 +191,7 @@ def _by_corners(
     best = best[matched[best] >= 2]
     weight = paired[best].astype(np.float64)
     turn, shift = _rigid(weight, point[model[best]], _complex(observed.corner_mm))
-    return Candidates(model[best], turn, shift)
+    return LaidViews(model[best], turn, shift)
 
 
 def _padded(

@@ -42,7 +42,7 @@ STIFFNESS = (
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Candidates:
+class LaidViews:
     """Model views with turn and shift: which (n,), turn (n,), shift (n, 2)."""
 
     model: IntArray
@@ -50,7 +50,7 @@ class Candidates:
     shift_mm: FloatArray
 
     @classmethod
-    def none(cls) -> "Candidates":
+    def none(cls) -> "LaidViews":
         """Return no candidates."""
         return cls(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 2)))
 
@@ -122,7 +122,7 @@ def _fine(loop: FloatArray) -> tuple[NDArray[np.complex128], NDArray[np.complex1
 def lay(
     observed: BoundaryString,
     models: Sequence[BoundaryString],
-    candidates: Candidates,
+    candidates: LaidViews,
     limits: BinaryTolerances,
 ) -> Alignments:
     """Return candidates fitted to an object without repeats, the best few of each model.

@@ -22,7 +22,7 @@ STRAIGHTEST_MM = 500.0  # an arc of a larger radius is a line
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Fit:
+class PrimitiveFit:
     """Primitives of the runs of a loop, in order.
 
     Attributes
@@ -109,7 +109,7 @@ def _circle(
 
 def fit_runs(
     sums: RunningSums, closed: FloatArray, runs: IntArray, limits: BinaryTolerances
-) -> Fit:
+) -> PrimitiveFit:
     """Return the primitives of runs of points.
 
     Parameters
@@ -220,11 +220,11 @@ def _fit(
     reach: tuple[IntArray, IntArray],
     is_arc: BoolArray,
     of_run: IntArray,
-) -> Fit:
+) -> PrimitiveFit:
     first, last = reach
     centre, radius, direction = sums.fit(first, last)
     backward = (direction * (closed[last] - closed[first])).sum(axis=1) < 0
-    return Fit(
+    return PrimitiveFit(
         of_run=of_run,
         first=first,
         last=last,

@@ -20,7 +20,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Loop, Stroke
 
 from ._corners import find_corners, triangular
-from ._primitives import Fit, RunningSums, fit_runs, is_circle
+from ._primitives import PrimitiveFit, RunningSums, fit_runs, is_circle
 from ._slits import without_slits
 from ._tolerances import BinaryTolerances
 
@@ -222,7 +222,7 @@ def _runs_between(corner: IntArray, count: int, trim: int) -> IntArray:
     return np.stack([corner + cut, ends - cut], axis=1)
 
 
-def _table(closed: FloatArray, step: float, fit: Fit) -> tuple[FloatArray, ...]:
+def _table(closed: FloatArray, step: float, fit: PrimitiveFit) -> tuple[FloatArray, ...]:
     """Return start, end, along, length, radius, centre, turn, joint, is_arc, in order."""
     first, last, is_arc = fit.first, fit.last, fit.is_arc
     centre, radius, direction = fit.centre, fit.radius, fit.direction
@@ -272,7 +272,7 @@ def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
     return angle
 
 
-def _sharpened(points: FloatArray, corner: IntArray, fit: Fit) -> FloatArray:
+def _sharpened(points: FloatArray, corner: IntArray, fit: PrimitiveFit) -> FloatArray:
     """Return the corners where their lines meet; beside an arc, the samples themselves."""
     out = points[corner]
     if len(corner) == 0:

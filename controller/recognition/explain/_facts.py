@@ -29,7 +29,7 @@ from ..binary import (
     model_string,
     triangular,
 )
-from ..fitting import EdgePoints, predict_edges
+from ..fitting import ModelEdgePoints, predict_edges
 from ..grey import ImageFeatures, image_features
 from ..identification.hypotheses import Hypothesis, distinct, is_same_turn
 from ..identification.sighting import Recognition, Sighting, Trace
@@ -59,7 +59,7 @@ class EdgeState:
     need_not_show : (n,) mask of edges that may be there though they are invisible
     """
 
-    edges: EdgePoints
+    edges: ModelEdgePoints
     which: BoolArray
     found: BoolArray
     need_not_show: BoolArray
@@ -70,7 +70,7 @@ class Other:
     """A rejected hypothesis: its name, its score, and its outline's samples."""
 
     caption: str
-    edges: EdgePoints
+    edges: ModelEdgePoints
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -281,7 +281,7 @@ def _others(
     return tuple(out)
 
 
-def _shows(edges: EdgePoints, picture: Grey) -> BoolArray:
+def _shows(edges: ModelEdgePoints, picture: Grey) -> BoolArray:
     """Return a mask (n,) of the predicted edges with the steepest grey level at the edge itself."""
     if len(edges.pixels) == 0:
         return np.zeros(0, dtype=np.bool_)

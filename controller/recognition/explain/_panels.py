@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from controller.arrays import FloatArray, Grey, Picture
 from controller.imaging import Camera
 
-from ..fitting import EdgePoints
+from ..fitting import ModelEdgePoints
 from ._facts import BOX_CAR, THRESHOLD, ObjectFacts
 from .draw import (
     BLACK,
@@ -227,7 +227,7 @@ def draw_pose(sheet: Sheet, facts: ObjectFacts, camera: Camera, width: int = 2) 
             sheet.strokes(begin[these & state.which], end[these & state.which], colour, wide)
 
 
-def _pieces(edges: EdgePoints, camera: Camera) -> tuple[FloatArray, FloatArray]:
+def _pieces(edges: ModelEdgePoints, camera: Camera) -> tuple[FloatArray, FloatArray]:
     """Return samples of edges as pieces that touch each other: begin and end (n, 2)."""
     along = np.column_stack([-edges.normals[:, 1], edges.normals[:, 0]])
     depth = (edges.points_mm - camera.position_mm) @ camera.T_world_cam[:3, 2]

@@ -25,13 +25,12 @@ from ._fit import (
 from ._highlight import are_highlights, are_shaded
 from ._measure import Gaps, GreyMeasure, Measure, OutlineMeasure
 from ._model import EdgeModel, EdgeShape, edge_model, edge_shape
-from ._predict import EdgePoints, predict_edges, predict_outline
+from ._predict import ModelEdgePoints, predict_edges, predict_outline
 from ._shade import Shading, shading_fits
 
 __all__ = [
     "EdgeFit",
     "EdgeModel",
-    "EdgePoints",
     "EdgeShape",
     "Evidence",
     "FitOptions",
@@ -39,6 +38,7 @@ __all__ = [
     "GreyMeasure",
     "ImageEdges",
     "Measure",
+    "ModelEdgePoints",
     "OutlineMeasure",
     "Prior",
     "Shading",

@@ -16,7 +16,7 @@ from controller.cad.graph import components
 
 from ._fit import EdgeFit
 from ._measure import GreyMeasure, OutlineMeasure, visibility
-from ._predict import EdgePoints
+from ._predict import ModelEdgePoints
 from ._shade import Shading
 
 Shine = Callable[[FloatArray, FloatArray], BoolArray]
@@ -174,7 +174,7 @@ def outline_evidence(fit: EdgeFit, outline: OutlineMeasure, mm_per_px: float) ->
 
 def with_inside(
     known: Evidence,
-    edges: EdgePoints,
+    edges: ModelEdgePoints,
     mm_per_px: float,
     greys: Sequence[GreyMeasure],
     shown: Sequence[tuple[ImageEdges, Shading]],
@@ -213,7 +213,7 @@ def with_inside(
     )
 
 
-def _apart_from_outline(edges: EdgePoints) -> EdgePoints:
+def _apart_from_outline(edges: ModelEdgePoints) -> ModelEdgePoints:
     """Return edges without those inside that are too near the outline to tell apart."""
     on = edges.on_outline
     if not on.any():
@@ -222,7 +222,7 @@ def _apart_from_outline(edges: EdgePoints) -> EdgePoints:
     return edges.at(on | (far > APART_PX))
 
 
-def _chance(edges: EdgePoints, greys: Sequence[GreyMeasure]) -> float:
+def _chance(edges: ModelEdgePoints, greys: Sequence[GreyMeasure]) -> float:
     """Return the share of edges inside that would be found at any predicted place."""
     inner = ~edges.on_outline
     found: list[BoolArray] = []
@@ -237,7 +237,7 @@ def _chance(edges: EdgePoints, greys: Sequence[GreyMeasure]) -> float:
 
 
 def grey_evidence(
-    edges: EdgePoints,
+    edges: ModelEdgePoints,
     sigma_px: float,
     mm_per_px: float,
     greys: Sequence[GreyMeasure],
@@ -304,7 +304,7 @@ def grey_evidence(
 
 
 def asked_of_each_lamp(
-    known: Evidence, edges: EdgePoints, shown: tuple[FloatArray, float]
+    known: Evidence, edges: ModelEdgePoints, shown: tuple[FloatArray, float]
 ) -> Evidence:
     """Return the evidence of edges that any of several lamps may show.
 
@@ -335,7 +335,7 @@ def _found(off: FloatArray, on: BoolArray, weight: FloatArray) -> tuple[float, f
 
 def longest_alone_mm(
     left: ImageEdges,
-    edges: EdgePoints,
+    edges: ModelEdgePoints,
     mm_per_px: float,
     grey: GreyMeasure,
     shade: Shade | None,
@@ -373,7 +373,10 @@ def _connected_mm(edges: ImageEdges, mm_per_px: float) -> float:
 
 
 def shown_edges(
-    edges: EdgePoints, grey: GreyMeasure, mm_per_px: float, others: Sequence[EdgePoints] = ()
+    edges: ModelEdgePoints,
+    grey: GreyMeasure,
+    mm_per_px: float,
+    others: Sequence[ModelEdgePoints] = (),
 ) -> tuple[FloatArray, float]:
     """Return the distances (n,) to the nearest edge under any lamp, and the rate of chance hits.
 
@@ -400,7 +403,7 @@ def shown_edges(
     return off, float(together.mean()) if len(together) else 0.0
 
 
-def _off_px(pixels: FloatArray, edges: EdgePoints, greys: Sequence[GreyMeasure]) -> FloatArray:
+def _off_px(pixels: FloatArray, edges: ModelEdgePoints, greys: Sequence[GreyMeasure]) -> FloatArray:
     """Return the distance of points (n, 2) beside edges from any picture's nearest edge, (n,)."""
     off = np.full(len(pixels), FAR_PX)
     for grey in greys:
@@ -408,14 +411,14 @@ def _off_px(pixels: FloatArray, edges: EdgePoints, greys: Sequence[GreyMeasure])
     return off
 
 
-def _explained(image_edges: ImageEdges, edges: EdgePoints, mm_per_px: float) -> float:
+def _explained(image_edges: ImageEdges, edges: ModelEdgePoints, mm_per_px: float) -> float:
     """Return the share of a picture's strong edges that are predicted."""
     predicted = is_predicted(image_edges.points_px, edges, edges.step_mm / mm_per_px)
     # strong ones count more, but one bright rim must not outvote all others
     return _weighted(predicted, np.sqrt(image_edges.strength))
 
 
-def is_predicted(points_px: FloatArray, edges: EdgePoints, step_px: float) -> BoolArray:
+def is_predicted(points_px: FloatArray, edges: ModelEdgePoints, step_px: float) -> BoolArray:
     """Return a mask (n,) of the points of a picture that lie on predicted edges.
 
     Parameters

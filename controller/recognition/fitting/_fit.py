@@ -15,7 +15,7 @@ from controller.imaging import Camera, transform
 
 from ._measure import Gaps, Measure
 from ._model import EdgeModel
-from ._predict import EdgePoints, cross, predict_edges, predict_outline
+from ._predict import ModelEdgePoints, cross, predict_edges, predict_outline
 
 HUBER_PX = 1.0
 MIN_POINTS = 12
@@ -93,7 +93,7 @@ class EdgeFit:
     """
 
     T_world_part: FloatArray
-    edges: EdgePoints
+    edges: ModelEdgePoints
     gaps: Gaps
     sigma_px: float
     covariance: FloatArray
@@ -105,7 +105,7 @@ def fit_edges(
     camera: Camera,
     measure: Measure,
     options: FitOptions | None = None,
-    first: EdgePoints | None = None,
+    first: ModelEdgePoints | None = None,
 ) -> EdgeFit | None:
     """Fit a pose to a picture's edges, within the freedom of the prior.
 
@@ -157,7 +157,7 @@ def first_edges(
     camera: Camera,
     measure: Measure,
     options: FitOptions,
-) -> EdgePoints:
+) -> ModelEdgePoints:
     """Return the edges with which a fit begins: shared by fits that begin in one place.
 
     Parameters
@@ -179,7 +179,7 @@ def _away(T_world_part: FloatArray, prior: Prior, centroid_mm: FloatArray) -> Fl
 
 
 def _descend(
-    edges: EdgePoints,
+    edges: ModelEdgePoints,
     jacobian: FloatArray,
     pivot: FloatArray,
     done: FloatArray,

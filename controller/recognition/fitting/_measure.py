@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
 from controller.imaging import Contour, loop_normals, sample_picture, signed_area
 
-from ._predict import EdgePoints
+from ._predict import ModelEdgePoints
 
 TURN_PX = 5.0  # distance added for an outline that runs the other way
 FAINT = 0.03  # weight of an edge between surfaces that look alike from the camera
@@ -57,7 +57,7 @@ class Measure(Protocol):
     sees_inside: bool
 
     def gaps(
-        self, pixels: FloatArray, normals: FloatArray, edges: EdgePoints, reach_px: float
+        self, pixels: FloatArray, normals: FloatArray, edges: ModelEdgePoints, reach_px: float
     ) -> Gaps:  # pragma: no cover - protocol
         """Return the edges within reach of predicted points.
 
@@ -120,7 +120,7 @@ class OutlineMeasure:
         return np.asarray(inside)
 
     def gaps(
-        self, pixels: FloatArray, normals: FloatArray, edges: EdgePoints, reach_px: float
+        self, pixels: FloatArray, normals: FloatArray, edges: ModelEdgePoints, reach_px: float
     ) -> Gaps:
         """Return the distances to the nearest outline that runs the same way; as `Measure.gaps`.
 
@@ -184,7 +184,7 @@ class GreyMeasure:
         self._is_lit = is_lit
 
     def gaps(
-        self, pixels: FloatArray, normals: FloatArray, edges: EdgePoints, reach_px: float
+        self, pixels: FloatArray, normals: FloatArray, edges: ModelEdgePoints, reach_px: float
     ) -> Gaps:
         """Return the strongest edges near predicted points, nearer ones preferred.
 
@@ -205,7 +205,7 @@ class GreyMeasure:
         return Gaps(gap, weight)
 
     def shown_by_any(
-        self, edges: EdgePoints, reach_px: float, aside_px: int
+        self, edges: ModelEdgePoints, reach_px: float, aside_px: int
     ) -> tuple[FloatArray, FloatArray]:
         """Return the nearest edges that any of several lamps shows, at predictions and beside them.
 
@@ -257,7 +257,7 @@ class GreyMeasure:
         self,
         slope: Float32Array,
         steps: FloatArray,
-        edges: EdgePoints,
+        edges: ModelEdgePoints,
         reach_px: float,
         noise: float,
     ) -> FloatArray:
@@ -319,7 +319,7 @@ class GreyMeasure:
         is_seen = (size > noises[:, None]) & (size > SEEN_SHARE * size.max(axis=0))
         return np.asarray(is_seen.sum(axis=0) > 1)
 
-    def best_shift(self, edges: EdgePoints, reach_px: int) -> FloatArray:
+    def best_shift(self, edges: ModelEdgePoints, reach_px: int) -> FloatArray:
         """Return the shift (2,) [px] that puts predicted edges on the most contrast.
 
         Parallel edges near each other trap a fit on the wrong one; a look all round does not care.
@@ -385,7 +385,7 @@ def _is_anothers(pixels: FloatArray, normals: FloatArray, gap: FloatArray) -> Bo
     return answer
 
 
-def visibility(edges: EdgePoints) -> FloatArray:
+def visibility(edges: ModelEdgePoints) -> FloatArray:
     """Return the visibility of predicted edges under lamps, (n,) 0..1.
 
     Surfaces that are turned differently are lit differently; a step throws a shadow or hides light.

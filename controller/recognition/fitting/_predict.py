@@ -29,7 +29,7 @@ AHEAD_MM = 0.2  # step along an edge and beside it, to find its direction in the
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class EdgePoints:
+class ModelEdgePoints:
     """Samples of the visible edges of a posed part.
 
     Attributes
@@ -54,9 +54,9 @@ class EdgePoints:
     step_mm: float
     edge: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
-    def at(self, which: BoolArray) -> "EdgePoints":
+    def at(self, which: BoolArray) -> "ModelEdgePoints":
         """Return the samples of a mask (n,)."""
-        return EdgePoints(
+        return ModelEdgePoints(
             self.points_mm[which],
             self.pixels[which],
             self.normals[which],
@@ -90,7 +90,7 @@ class _Samples:
 
 def predict_edges(
     model: EdgeModel, T_world_part: FloatArray, camera: Camera, most: int = 900
-) -> EdgePoints:
+) -> ModelEdgePoints:
     """Return the visible edges of a posed part.
 
     Parameters
@@ -133,7 +133,7 @@ def predict_outline(
     camera: Camera,
     most: float = 600,
     min_step_mm: float = MIN_STEP_MM,
-) -> EdgePoints:
+) -> ModelEdgePoints:
     """Return the outline of a posed part alone, in a third of the time of `predict_edges`.
 
     Parameters
@@ -228,7 +228,7 @@ def _seen(
     camera: Camera,
     step_mm: float,
     which: BoolArray,
-) -> EdgePoints:
+) -> ModelEdgePoints:
     """Return the samples of ``which`` in the camera's picture."""
     kept = samples.at(which)
     outward = np.where(turned[which][:, None], -kept.across, kept.across)
@@ -244,7 +244,7 @@ def _seen(
     out_x, out_y = (beside - pixels).T
     size[out_y * along_x < out_x * along_y] *= -1.0
     normals = np.column_stack([-along_y / size, along_x / size])
-    return EdgePoints(
+    return ModelEdgePoints(
         points_mm,
         pixels,
         normals,

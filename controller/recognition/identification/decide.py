@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..fitting import EdgePoints
+from ..fitting import ModelEdgePoints
 from .hypotheses import SAME_PLACE_MM, Hypothesis
 
 SAME_OUTLINE_PX = 0.6  # two predicted outlines this near each other are one in any picture
@@ -121,7 +121,7 @@ def is_convincing(hypotheses: Sequence[Hypothesis]) -> bool:
     )
 
 
-def looks_same(a: EdgePoints, b: EdgePoints, *, outline_only: bool) -> bool:
+def looks_same(a: ModelEdgePoints, b: ModelEdgePoints, *, outline_only: bool) -> bool:
     """Return True if two predictions are one drawing, both ways, to the picture's resolution.
 
     Parameters
@@ -132,7 +132,7 @@ def looks_same(a: EdgePoints, b: EdgePoints, *, outline_only: bool) -> bool:
     return _covered(a, b, outline_only) and _covered(b, a, outline_only)
 
 
-def _covered(a: EdgePoints, b: EdgePoints, outline_only: bool) -> bool:
+def _covered(a: ModelEdgePoints, b: ModelEdgePoints, outline_only: bool) -> bool:
     # creases between surfaces that are lit alike are no difference anyone sees
     shows = (np.abs(a.lift) > SHOWN_LIFT) | (a.jump_mm > SHOWN_JUMP_MM)
     of = a.on_outline if outline_only else a.on_outline | shows

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.imaging import Camera
 
-from ..library import FEW_VIEWS, Candidate, Entry, Library, Silhouette, polar_grid
+from ..library import FEW_VIEWS, Candidate, Library, LibraryPart, Silhouette, polar_grid
 from ..segmentation import Region, brightest_of, joined, near_ones, segment
 from .cutout import ObjectCutout
 from .decide import Decision, decide, has_other_inside, is_convincing
@@ -481,7 +481,7 @@ def _known(
     )
 
 
-def _covariance(best: Hypothesis, entry: Entry) -> FloatArray:
+def _covariance(best: Hypothesis, entry: LibraryPart) -> FloatArray:
     """Return the fit's covariance; the turn of a round part, by its mesh alone, is unknown."""
     covariance = best.fit.covariance.copy()
     if len(entry.turns_of(best.pose)) == 0:

@@ -15,7 +15,7 @@ from controller.imaging import Camera
 
 from ..fitting import Evidence, outline_evidence
 from ..library import Library, place_of, turn_of
-from ..partial import CELL_PX, Cluster, PartialFit, Place, explain_cluster
+from ..partial import CELL_PX, Cluster, PartialFit, PartPlace, explain_cluster
 from ..segmentation import Region
 from .cutout import ObjectCutout
 from .decide import Decision, decide
@@ -88,7 +88,7 @@ def parts_of(
 
 
 def _hypotheses(
-    place: Place,
+    place: PartPlace,
     own: Region,
     pictures: Sequence[Grey],
     camera: Camera,

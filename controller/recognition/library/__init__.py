@@ -2,8 +2,8 @@
 
 from ._index import FEW_VIEWS, Candidate, Silhouette, ViewIndex
 from ._library import (
-    Entry,
     Library,
+    LibraryPart,
     check_fits,
     make_entry,
     make_library,
@@ -12,17 +12,17 @@ from ._library import (
     turn_of,
     turns_that_keep,
 )
-from ._views import PartViews, Station, pose_on_table, shadow_camera, view_part
+from ._views import CameraPlace, PartViews, pose_on_table, shadow_camera, view_part
 from .polar import polar_grid
 
 __all__ = [
     "FEW_VIEWS",
+    "CameraPlace",
     "Candidate",
-    "Entry",
     "Library",
+    "LibraryPart",
     "PartViews",
     "Silhouette",
-    "Station",
     "ViewIndex",
     "check_fits",
     "make_entry",

@@ -20,7 +20,7 @@ from ..binary import StretchIndex, stretch_index
 from ..fitting import EdgeModel, EdgeShape, edge_model, edge_shape
 from ..grey import FeatureIndex, ModelFeatures, feature_index, model_features
 from ._index import ViewIndex
-from ._views import PartViews, Station, pose_on_table, shadow_camera, view_part
+from ._views import CameraPlace, PartViews, pose_on_table, shadow_camera, view_part
 
 MIN_PROBABILITY = 0.01
 KEPT_MODELS = 32  # models in memory; each takes some megabytes with its search tree
@@ -28,7 +28,7 @@ UPRIGHT_RAD = np.radians(1.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Entry:
+class LibraryPart:
     """One part of a library: the data kept in memory for it.
 
     Attributes
@@ -75,7 +75,7 @@ class Library:
 
     def __init__(
         self,
-        entries: Sequence[Entry],
+        entries: Sequence[LibraryPart],
         load: Callable[[int], EdgeShape],
         load_solid: Callable[[int], Solid],
         eye_mm: FloatArray,
@@ -121,7 +121,7 @@ class Library:
         return found
 
 
-def station_of(camera: Camera) -> Station:
+def station_of(camera: Camera) -> CameraPlace:
     """Return a camera's height and the radius of the table that it sees from there.
 
     Rounded, so that a new calibration of the same camera does not void earlier results.
@@ -130,14 +130,14 @@ def station_of(camera: Camera) -> Station:
     corners = np.array([[0, 0], [width, 0], [0, height], [width, height]], dtype=np.float64)
     eye = camera.position_mm
     reach = np.linalg.norm(camera.on_plane(corners)[:, :2] - eye[:2], axis=1).max()
-    return Station(
+    return CameraPlace(
         eye_mm=float(10 * np.round(eye[2] / 10)), reach_mm=float(20 * np.ceil(reach / 20))
     )
 
 
 def make_entry(
-    part: CompiledPart, station: Station, min_probability: float = MIN_PROBABILITY
-) -> tuple[Entry, EdgeShape]:
+    part: CompiledPart, station: CameraPlace, min_probability: float = MIN_PROBABILITY
+) -> tuple[LibraryPart, EdgeShape]:
     """Return the library's entry for a part, and the shape from which its edges are made.
 
     Parameters
@@ -160,10 +160,10 @@ def make_entry(
     centroid = np.asarray(part.solid.centroid_mm, dtype=np.float64)
     features = tuple(_features(part.solid, pose, station) for pose in poses)
     extent = float(part.solid.mesh.extents.max())
-    return Entry(part.solid.name, poses, turns, centroid, extent, views, features), shape
+    return LibraryPart(part.solid.name, poses, turns, centroid, extent, views, features), shape
 
 
-def _features(solid: Solid, pose: StablePose, station: Station) -> ModelFeatures:
+def _features(solid: Solid, pose: StablePose, station: CameraPlace) -> ModelFeatures:
     """Return the features of a pose straight below the camera, in mm on the table."""
     eye = station.eye_mm
     above = shadow_camera(np.array([0.0, 0.0, eye]))
@@ -242,7 +242,7 @@ def make_library(
     )
 
 
-def check_fits(entry: Entry, camera: Camera) -> None:
+def check_fits(entry: LibraryPart, camera: Camera) -> None:
     """Require that a part fits into a camera's picture as it rests on the table.
 
     Raises
@@ -260,7 +260,7 @@ def check_fits(entry: Entry, camera: Camera) -> None:
         )
 
 
-def place_of(entry: Entry, T_world_part: FloatArray) -> FloatArray:
+def place_of(entry: LibraryPart, T_world_part: FloatArray) -> FloatArray:
     """Return the position of a posed part's centre of mass over the table, (2,)."""
     at: FloatArray = (T_world_part[:3, :3] @ entry.centroid_mm + T_world_part[:3, 3])[:2]
     return at

@@ -35,7 +35,7 @@ TALL_SHARE = 0.35  # shift by perspective from which there are twice as many vie
 
 
 @dataclass(frozen=True, slots=True)
-class Station:
+class CameraPlace:
     """The camera's place above the table.
 
     Attributes
@@ -126,7 +126,7 @@ def shadow_camera(eye_mm: FloatArray) -> Camera:
 
 
 def view_part(
-    solid: Solid, poses: tuple[StablePose, ...], caster: RayCaster, station: Station
+    solid: Solid, poses: tuple[StablePose, ...], caster: RayCaster, station: CameraPlace
 ) -> PartViews:
     """Return the views of a part in all its stable poses.
 
@@ -174,7 +174,7 @@ def view_part(
     )
 
 
-def _places(extents_mm: FloatArray, station: Station) -> list[tuple[FloatArray, float]]:
+def _places(extents_mm: FloatArray, station: CameraPlace) -> list[tuple[FloatArray, float]]:
     """Return the positions at which to view a pose, each with the radius that it covers.
 
     Parameters

@@ -3,7 +3,7 @@
 from .candidates import propose_partial
 from .cluster import CELL_PX, Cluster
 from .fits import PartialFit, fit_partial
-from .parts import Explained, PartialLimits, Place, explain_cluster
+from .parts import Explained, PartialLimits, PartPlace, explain_cluster
 from .planar import predicted_shares, shares_met
 from .together import are_one_place, best_set, by_place
 
@@ -11,9 +11,9 @@ __all__ = [
     "CELL_PX",
     "Cluster",
     "Explained",
+    "PartPlace",
     "PartialFit",
     "PartialLimits",
-    "Place",
     "are_one_place",
     "best_set",
     "by_place",

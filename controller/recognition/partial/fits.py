@@ -21,9 +21,9 @@ from controller.imaging import inverse_pose, transform
 from ..fitting import (
     EdgeFit,
     EdgeModel,
-    EdgePoints,
     FitOptions,
     Gaps,
+    ModelEdgePoints,
     at_rest,
     fit_edges,
     is_predicted,
@@ -206,7 +206,7 @@ def fit_partial(
     return PartialFit(candidate, model, fit, found, covered | beyond, beyond, cluster, mm_per_px)
 
 
-def _covered(edges: EdgePoints, cluster: Cluster) -> tuple[BoolArray, BoolArray]:
+def _covered(edges: ModelEdgePoints, cluster: Cluster) -> tuple[BoolArray, BoolArray]:
     """Return masks of the edges outside which the cluster goes on, and of those without data."""
     outside = cluster.is_inside(edges.pixels + COVERED_PX * edges.normals)
     return outside, cluster.is_beyond(edges.pixels)
@@ -222,7 +222,11 @@ def _nearness(fit: EdgeFit, cluster: Cluster) -> float:
 
 
 def _ends_at_meetings(
-    edges: EdgePoints, covered: BoolArray, beyond: BoolArray, cluster: Cluster, mm_per_px: float
+    edges: ModelEdgePoints,
+    covered: BoolArray,
+    beyond: BoolArray,
+    cluster: Cluster,
+    mm_per_px: float,
 ) -> BoolArray:
     """Return a mask (n,) of covered edges in a stretch that ends where outlines meet."""
     answer = covered.copy()

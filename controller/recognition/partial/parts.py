@@ -62,7 +62,7 @@ class PartialLimits:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Place:
+class PartPlace:
     """A place with a part.
 
     Attributes
@@ -87,7 +87,7 @@ class Explained:
     fits : all that agreed with the picture, for the record
     """
 
-    places: tuple[Place, ...]
+    places: tuple[PartPlace, ...]
     left: BoolArray
     fits: tuple[PartialFit, ...]
 
@@ -122,7 +122,7 @@ def explain_cluster(
     for k, place in enumerate(found):
         others = [first for j, first in enumerate(firsts) if j != k]
         shares = tuple(_explained_about(fit, [fit, *others]) for fit in place)
-        described.append(Place(tuple(place), shares))
+        described.append(PartPlace(tuple(place), shares))
     return Explained(tuple(described), _left(firsts, cluster), tuple(fits))
 
 

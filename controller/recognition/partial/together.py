@@ -11,7 +11,7 @@ import numpy as np
 from controller.arrays import BoolArray
 
 
-class Shown(Protocol):
+class FittedPart(Protocol):
     """A part fitted to a cluster."""
 
     @property
@@ -23,10 +23,10 @@ class Shown(Protocol):
         """Mask (m,) of the cluster's features that it predicts."""
 
 
-Fit = TypeVar("Fit", bound=Shown)
+Fit = TypeVar("Fit", bound=FittedPart)
 
 
-def are_one_place(a: Shown, b: Shown, share: float) -> bool:
+def are_one_place(a: FittedPart, b: FittedPart, share: float) -> bool:
     """Return True if two fits are of one thing.
 
     Parameters

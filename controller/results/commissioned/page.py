@@ -10,12 +10,12 @@ from typing import Final
 import cv2
 
 from controller.commissioning.procedure import (
-    Figure,
-    Folder,
-    Picture,
-    Standing,
-    Status,
+    CommissioningFolder,
+    StepFigure,
+    StepPicture,
     StepRecord,
+    StepStanding,
+    StepStatus,
 )
 from controller.config.calibrations import read_calibrations
 from drivers.pictures import BrokenPictureError, decode
@@ -27,15 +27,15 @@ TEMPLATE: Final = "commissioned.html.j2"
 WIDTH_PX: Final = 420  # width of a picture on the page; the evidence has the full size
 JPEG_QUALITY: Final = 80
 BADGE: Final = {
-    Status.DONE: "pass",
-    Status.STALE: "doubt",
-    Status.FAILED: "fail",
-    Status.NOT_DONE: "none",
+    StepStatus.DONE: "pass",
+    StepStatus.STALE: "doubt",
+    StepStatus.FAILED: "fail",
+    StepStatus.NOT_DONE: "none",
 }
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class PagePicture:
     """A picture on the page; `data` is empty if its file is gone or was changed."""
 
     caption: str
@@ -47,15 +47,17 @@ class Shown:
 class StepShown:
     """A step on the page."""
 
-    standing: Standing
+    standing: StepStanding
     badge: str
     record: StepRecord | None
-    figures: tuple[tuple[Figure, str], ...]
-    pictures: tuple[Shown, ...]
+    figures: tuple[tuple[StepFigure, str], ...]
+    pictures: tuple[PagePicture, ...]
     times: str
 
 
-def write_evidence_page(folder: Folder, standings: Sequence[Standing], name: str) -> Path:
+def write_evidence_page(
+    folder: CommissioningFolder, standings: Sequence[StepStanding], name: str
+) -> Path:
     """Write the page of a commissioning into its folder and return its path.
 
     Parameters
@@ -78,7 +80,7 @@ def write_evidence_page(folder: Folder, standings: Sequence[Standing], name: str
         folder.path / "commissioning.html",
         name=name,
         steps=shown,
-        open_steps=[one for one in standings if one.status is not Status.DONE],
+        open_steps=[one for one in standings if one.status is not StepStatus.DONE],
         emulated=sorted({device for one in records.values() for device in one.emulated}),
         calibrations=[
             (key, one, folder.references()[key].sha256) for key, one in calibrations.items()
@@ -87,7 +89,9 @@ def write_evidence_page(folder: Folder, standings: Sequence[Standing], name: str
     )
 
 
-def _step(folder: Folder, standing: Standing, record: StepRecord | None) -> StepShown:
+def _step(
+    folder: CommissioningFolder, standing: StepStanding, record: StepRecord | None
+) -> StepShown:
     badge = BADGE[standing.status]
     if record is None:
         return StepShown(standing, badge, None, (), (), "")
@@ -102,7 +106,7 @@ def _step(folder: Folder, standing: Standing, record: StepRecord | None) -> Step
     )
 
 
-def allowed(figure: Figure) -> str:
+def allowed(figure: StepFigure) -> str:
     """Return a figure's limits in words; empty if it has none."""
     if figure.low is not None and figure.high is not None:
         return f"{figure.low:g} to {figure.high:g}"
@@ -111,21 +115,21 @@ def allowed(figure: Figure) -> str:
     return f"at most {figure.high:g}" if figure.high is not None else ""
 
 
-def _shown(place: Path, picture: Picture) -> Shown:
+def _shown(place: Path, picture: StepPicture) -> PagePicture:
     path = place / picture.file
     try:
         data = path.read_bytes()
     except OSError:
-        return Shown(picture.caption, picture.file, "")
+        return PagePicture(picture.caption, picture.file, "")
     if hashlib.sha256(data).hexdigest() != picture.sha256:
-        return Shown(picture.caption, picture.file, "")
+        return PagePicture(picture.caption, picture.file, "")
     try:
         image = decode(data, "grey")
     except BrokenPictureError:
-        return Shown(picture.caption, picture.file, "")
+        return PagePicture(picture.caption, picture.file, "")
     height, width = image.shape
     small = cv2.resize(
         image, (WIDTH_PX, round(height * WIDTH_PX / width)), interpolation=cv2.INTER_AREA
     )
     jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
-    return Shown(picture.caption, picture.file, base64.b64encode(jpeg.tobytes()).decode())
+    return PagePicture(picture.caption, picture.file, base64.b64encode(jpeg.tobytes()).decode())

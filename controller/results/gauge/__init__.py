@@ -5,7 +5,7 @@ the data allow, `_reference.py` reads reference values, `_evidence.py` writes a 
 file and finds it again, `_page.py` draws it.
 """
 
-from ._evidence import FOLDER, Evidence, KeptStudy, kept_studies, study_json, write_evidence
+from ._evidence import FOLDER, KeptStudy, StudySources, kept_studies, study_json, write_evidence
 from ._page import gauge_row, write_gauge_page
 from ._reference import Reference, read_references
 from ._study import CharacteristicGauge, Reading, study_readings
@@ -14,10 +14,10 @@ from ._words import in_um, said_of, said_of_all
 __all__ = [
     "FOLDER",
     "CharacteristicGauge",
-    "Evidence",
     "KeptStudy",
     "Reading",
     "Reference",
+    "StudySources",
     "gauge_row",
     "in_um",
     "kept_studies",

@@ -21,7 +21,7 @@ MAX_BYTES: Final = 64 * 2**20
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
+class StudySources:
     """The sources of a study.
 
     Attributes
@@ -98,7 +98,7 @@ def study_json(gauge: CharacteristicGauge) -> dict[str, Any]:
 
 
 def write_evidence(
-    runs_dir: Path, evidence: Evidence, gauges: Sequence[CharacteristicGauge]
+    runs_dir: Path, evidence: StudySources, gauges: Sequence[CharacteristicGauge]
 ) -> Path:
     """Write a study to a dated file below the folder of runs and return its path.
 

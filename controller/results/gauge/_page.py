@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Final
 
 from ..pages import render_page
-from ..value_chart import Chart, Line, value_chart
+from ..value_chart import Chart, LevelLine, value_chart
 from ..wording import utc
-from ._evidence import Evidence
+from ._evidence import StudySources
 from ._study import CharacteristicGauge
 from ._words import UM_PER_MM, in_um, said_of, said_of_all
 
@@ -15,7 +15,7 @@ TEMPLATE: Final = "gauge.html.j2"
 
 
 def write_gauge_page(
-    evidence: Evidence, gauges: Sequence[CharacteristicGauge], kept: Path, path: Path
+    evidence: StudySources, gauges: Sequence[CharacteristicGauge], kept: Path, path: Path
 ) -> Path:
     """Write a gauge study as HTML and return the path.
 
@@ -76,7 +76,7 @@ def _bias(gauge: CharacteristicGauge) -> str:
 
 def _chart(gauge: CharacteristicGauge) -> Chart:
     names = [" ".join(name for name in group[:2] if name) or "values" for group in gauge.groups]
-    lines = [Line(gauge.upper, "upper limit"), Line(gauge.nominal, "nominal", "middle")]
+    lines = [LevelLine(gauge.upper, "upper limit"), LevelLine(gauge.nominal, "nominal", "middle")]
     if gauge.nominal or gauge.lower:
-        lines.append(Line(gauge.lower, "lower limit"))
+        lines.append(LevelLine(gauge.lower, "lower limit"))
     return Chart(gauge.values, lines, groups=names)

@@ -59,7 +59,7 @@ class ReasonRow:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
+class DrawnPlan:
     """A plan as the page shows it."""
 
     frames: tuple[StripFrame, ...]
@@ -129,12 +129,12 @@ def write_step_pictures(facts: PlanFacts, plan: Plan, folder: Path) -> tuple[tup
     return tuple(names)
 
 
-def draw_plan(facts: PlanFacts, plan: Plan) -> Drawn:
+def draw_plan(facts: PlanFacts, plan: Plan) -> DrawnPlan:
     """Return the drawings of a plan."""
     solid, samples = facts.part.solid, facts.part.samples
     painter = Painter(solid, samples)
     frames = draw_steps(facts, plan, painter)
-    return Drawn(
+    return DrawnPlan(
         frames=frames,
         map=coverage_map(solid, samples, plan, painter, facts.pose.R),
         timeline=timeline(frames),

@@ -56,7 +56,7 @@ _TRIANGLES = np.array(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Body:
+class SceneBody:
     """A body of one colour, in the world; a lit one is evenly bright."""
 
     name: str
@@ -67,7 +67,7 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class SceneMesh:
     """All bodies of a moment, as one mesh to cast rays at.
 
     Attributes
@@ -76,7 +76,7 @@ class Stage:
     first_of_part : number of the part's first triangle, t where there is none
     """
 
-    bodies: tuple[Body, ...]
+    bodies: tuple[SceneBody, ...]
     mesh: trimesh.Trimesh
     normals: FloatArray
     body_of_triangle: IntArray
@@ -89,7 +89,7 @@ class Stage:
         return RayCaster(self.mesh)
 
 
-def box_body(name: str, colour: Colour, box: Box) -> Body:
+def box_body(name: str, colour: Colour, box: Box) -> SceneBody:
     """Return a box as triangles.
 
     Parameters
@@ -99,16 +99,16 @@ def box_body(name: str, colour: Colour, box: Box) -> Body:
     box : in the world [mm]
     """
     corners = (_CORNERS * box.half_mm) @ box.T[:3, :3].T + box.T[:3, 3]
-    return Body(name, colour, corners, _TRIANGLES, glows=colour in GLOWING)
+    return SceneBody(name, colour, corners, _TRIANGLES, glows=colour in GLOWING)
 
 
-def part_body(solid: Solid, T_world_part: FloatArray) -> Body:
+def part_body(solid: Solid, T_world_part: FloatArray) -> SceneBody:
     """Return the part in its pose."""
     vertices = np.asarray(solid.mesh.vertices) @ T_world_part[:3, :3].T + T_world_part[:3, 3]
-    return Body("part", PART, vertices, np.asarray(solid.mesh.faces))
+    return SceneBody("part", PART, vertices, np.asarray(solid.mesh.faces))
 
 
-def standing_bodies(layout: CellLayout) -> list[Body]:
+def standing_bodies(layout: CellLayout) -> list[SceneBody]:
     """Return the bodies that never move: table, trays, column, obstacles."""
     bodies = [
         box_body("column", ARM, layout.column),
@@ -142,7 +142,7 @@ def table_window(layout: CellLayout) -> tuple[tuple[float, float], tuple[float, 
     return (x0, y0), (x1, y1)
 
 
-def _extent(layout: CellLayout, bodies: Sequence[Body]) -> tuple[FloatArray, FloatArray]:
+def _extent(layout: CellLayout, bodies: Sequence[SceneBody]) -> tuple[FloatArray, FloatArray]:
     points = [body.vertices_mm[:, :2] for body in bodies]
     for tray in layout.trays.values():
         centre, half = np.array(tray.centre_mm), np.array(tray.size_mm) / 2
@@ -159,7 +159,7 @@ def _obstacle_colour(name: str) -> Colour:
     return FIXED_GRIPPER if "fixture" in name else OBSTACLE
 
 
-def fixed_gripper_bodies(layout: CellLayout, opening_mm: float) -> list[Body]:
+def fixed_gripper_bodies(layout: CellLayout, opening_mm: float) -> list[SceneBody]:
     """Return the fixed gripper at an opening; empty if the cell has none."""
     jaw = layout.fixed_gripper
     if jaw is None:
@@ -174,7 +174,7 @@ def fixed_gripper_bodies(layout: CellLayout, opening_mm: float) -> list[Body]:
     ]
 
 
-def arm_bodies(layout: CellLayout, q: FloatArray, opening_mm: float) -> list[Body]:
+def arm_bodies(layout: CellLayout, q: FloatArray, opening_mm: float) -> list[SceneBody]:
     """Return the arm as the boxes of collision checks: links, arm gripper, two fingers.
 
     Parameters
@@ -203,7 +203,7 @@ def _thinner(box: Box) -> Box:
     return Box(box.T, box.half_mm - THINNER_MM)
 
 
-def not_round(bodies: Sequence[Body], point_mm: FloatArray) -> list[Body]:
+def not_round(bodies: Sequence[SceneBody], point_mm: FloatArray) -> list[SceneBody]:
     """Return the bodies that a point (3,) is outside of: a camera does not see its own housing."""
     kept = []
     for body in bodies:
@@ -213,7 +213,9 @@ def not_round(bodies: Sequence[Body], point_mm: FloatArray) -> list[Body]:
     return kept
 
 
-def make_stage(bodies: Sequence[Body], part: Body | None, T_world_part: FloatArray) -> Stage:
+def make_stage(
+    bodies: Sequence[SceneBody], part: SceneBody | None, T_world_part: FloatArray
+) -> SceneMesh:
     """Return bodies as one mesh, the part last.
 
     Parameters
@@ -230,7 +232,7 @@ def make_stage(bodies: Sequence[Body], part: Body | None, T_world_part: FloatArr
     corner = np.asarray(mesh.vertices)[triangles]
     normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    return Stage(
+    return SceneMesh(
         bodies=every,
         mesh=mesh,
         normals=normals,
@@ -244,11 +246,11 @@ def moment_stage(
     layout: CellLayout,
     solid: Solid,
     moment: Moment,
-    standing: Sequence[Body],
+    standing: Sequence[SceneBody],
     *,
     with_links: bool = True,
     with_palm: bool = True,
-) -> Stage:
+) -> SceneMesh:
     """Return the cell at a moment; links or palm of the arm may be left out, to see behind them.
 
     Parameters

@@ -57,7 +57,7 @@ class Key:
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class PartSide:
     """The part from one side, as a data URI."""
 
     words: str
@@ -68,7 +68,7 @@ class Side:
 class CoverageMap:
     """The part from all sides, and the key of its colours."""
 
-    sides: tuple[Side, ...]
+    sides: tuple[PartSide, ...]
     keys: tuple[Key, ...]
     size: tuple[int, int]
 
@@ -121,7 +121,7 @@ def states(samples: SurfaceSamples, plan: Plan) -> tuple[IntArray, Float32Array]
 
 def _sides(
     solid: Solid, painter: Painter, R_world_part: FloatArray, colours: Float32Array
-) -> tuple[Side, ...]:
+) -> tuple[PartSide, ...]:
     T = np.eye(4)
     T[:3, :3] = R_world_part
     T[:3, 3] = -R_world_part @ solid.centroid_mm
@@ -138,5 +138,5 @@ def _sides(
             hits = look(stage, eye)
             paint = painter.paint(stage, hits, colours)
             image = smaller(shade(stage, eye, hits, paint, RELIEF))
-            sides.append(Side(f"{above}, {azimuth_deg % 360}°", data_uri(image)))
+            sides.append(PartSide(f"{above}, {azimuth_deg % 360}°", data_uri(image)))
     return tuple(sides)

@@ -8,7 +8,7 @@ from controller.cad import Solid, SurfaceSamples
 from controller.imaging import inverse_pose, transform
 
 from ..ray_drawing import FINER
-from .bodies import Stage
+from .bodies import SceneMesh
 from .render import Paint, RayHits
 
 # Faces are moved this far apart, so that the nearest sample is on the same face.
@@ -24,7 +24,7 @@ class Painter:
         self._tree = cKDTree(np.hstack([samples.points_mm, apart]))
         self._count = len(samples.points_mm)
 
-    def sample_at(self, stage: Stage, hits: RayHits) -> IntArray:
+    def sample_at(self, stage: SceneMesh, hits: RayHits) -> IntArray:
         """Return the nearest sample of each ray (height, width), -1 off the part."""
         out = np.full(hits.triangle.shape, -1, dtype=np.int64)
         on_part = hits.triangle >= stage.first_of_part
@@ -35,7 +35,7 @@ class Painter:
             out[on_part] = np.minimum(nearest, self._count - 1)
         return out
 
-    def paint(self, stage: Stage, hits: RayHits, colours: Float32Array) -> Paint:
+    def paint(self, stage: SceneMesh, hits: RayHits, colours: Float32Array) -> Paint:
         """Return the colour of each ray's nearest sample; found once per pixel.
 
         Parameters

@@ -7,7 +7,7 @@ import numpy as np
 from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 
 from ..ray_drawing import FINER, as_uri, cast, jumps, png_bytes
-from .bodies import Stage
+from .bodies import SceneMesh
 from .views import Eye
 
 PAPER = (250.0, 250.0, 249.0)
@@ -51,7 +51,7 @@ class Paint:
     colours: Float32Array
 
 
-def look(stage: Stage, eye: Eye) -> RayHits:
+def look(stage: SceneMesh, eye: Eye) -> RayHits:
     """Return the hits of a picture's rays."""
     triangle, distance = cast(stage.caster, eye.origins_mm, eye.directions, eye.size)
     reach = np.where(triangle >= 0, distance, 0.0).reshape(-1, 1)
@@ -60,7 +60,7 @@ def look(stage: Stage, eye: Eye) -> RayHits:
 
 
 def shade(
-    stage: Stage, eye: Eye, hits: RayHits, paint: Paint | None = None, relief: float = 1.0
+    stage: SceneMesh, eye: Eye, hits: RayHits, paint: Paint | None = None, relief: float = 1.0
 ) -> Float32Array:
     """Return the shaded picture of the hits, (height, width, 3) 0..255.
 
@@ -97,7 +97,7 @@ def shade(
     return image
 
 
-def _shadowed(stage: Stage, hits: RayHits, key: FloatArray, is_turned: BoolArray) -> BoolArray:
+def _shadowed(stage: SceneMesh, hits: RayHits, key: FloatArray, is_turned: BoolArray) -> BoolArray:
     """Return a mask of the rays that meet a point in shadow of the key light; found once per pixel.
 
     Parameters
@@ -114,7 +114,7 @@ def _shadowed(stage: Stage, hits: RayHits, key: FloatArray, is_turned: BoolArray
     return np.asarray(shaded.repeat(FINER, axis=0).repeat(FINER, axis=1)[:height, :width])
 
 
-def _edges(stage: Stage, hits: RayHits) -> BoolArray:
+def _edges(stage: SceneMesh, hits: RayHits) -> BoolArray:
     """Return a mask of the pixels where one body borders another, or a surface bends."""
     triangle = hits.triangle
     ink = np.zeros(triangle.shape, dtype=bool)

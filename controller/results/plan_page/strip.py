@@ -14,7 +14,7 @@ from controller.planning import CellLayout
 
 from ..moments import Moment, MomentKind, Seat
 from ..ray_drawing import FINER, smaller
-from .bodies import PART, Body, Stage, moment_stage, not_round, standing_bodies
+from .bodies import PART, SceneBody, SceneMesh, moment_stage, not_round, standing_bodies
 from .paint import Painter
 from .render import look, png_of, shade
 from .views import Eye, Slant, camera_eye, slant_over, slanting_eye, window_about
@@ -121,7 +121,7 @@ class Strip:
     def _outside_eye(self) -> Eye:
         return slanting_eye(self._slant, _fine(self._square), FAR_MM)
 
-    def _outside(self, stage: Stage, colours: Float32Array) -> Float32Array:
+    def _outside(self, stage: SceneMesh, colours: Float32Array) -> Float32Array:
         image = smaller(self._drawn(stage, self._outside_eye, colours))
         # the part is small here, and often behind the arm: its outline is drawn over everything
         corners = np.asarray(stage.bodies[-1].vertices_mm)
@@ -131,7 +131,7 @@ class Strip:
         return image
 
     def _near(
-        self, moment: Moment, stage: Stage, colours: Float32Array
+        self, moment: Moment, stage: SceneMesh, colours: Float32Array
     ) -> tuple[Float32Array, str]:
         if moment.seat is Seat.BESIDE:
             words = "from beside, arm transparent"
@@ -153,7 +153,7 @@ class Strip:
         words = f"{words}, arm transparent"
         return self._through_links(moment, standing, stage, eye, colours), words
 
-    def _beside(self, moment: Moment, stage: Stage, colours: Float32Array) -> Float32Array:
+    def _beside(self, moment: Moment, stage: SceneMesh, colours: Float32Array) -> Float32Array:
         """Return the picture from the side that shows most of the part."""
         corners = stage.bodies[-1].vertices_mm
         bare = moment_stage(self._layout, self._solid, moment, self._standing, with_links=False)
@@ -172,8 +172,8 @@ class Strip:
     def _through_links(
         self,
         moment: Moment,
-        standing: Sequence[Body],
-        stage: Stage,
+        standing: Sequence[SceneBody],
+        stage: SceneMesh,
         eye: Eye,
         colours: Float32Array,
     ) -> Float32Array:
@@ -190,7 +190,7 @@ class Strip:
         front = self._drawn(stage, eye, colours)
         return smaller((1 - GHOST) * behind + GHOST * front)
 
-    def _drawn(self, stage: Stage, eye: Eye, colours: Float32Array) -> Float32Array:
+    def _drawn(self, stage: SceneMesh, eye: Eye, colours: Float32Array) -> Float32Array:
         hits = look(stage, eye)
         return shade(stage, eye, hits, self._painter.paint(stage, hits, colours))
 

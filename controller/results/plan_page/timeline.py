@@ -25,7 +25,7 @@ MAX_TICKS = 12
 
 
 @dataclass(frozen=True, slots=True)
-class Bar:
+class StepBar:
     """One step: its bar [px], and the text beside it."""
 
     x: float
@@ -52,7 +52,7 @@ class Timeline:
     left: float
     top: float
     row: float
-    bars: tuple[Bar, ...]
+    bars: tuple[StepBar, ...]
     ticks: tuple[tuple[float, str], ...]
     totals: tuple[tuple[str, str, float], ...]
 
@@ -62,7 +62,7 @@ def timeline(frames: Sequence[StripFrame]) -> Timeline:
     total_s = max(frames[-1].to_s, 1e-3)
     scale = (WIDTH - LEFT - RIGHT) / total_s
     bars = tuple(
-        Bar(
+        StepBar(
             x=LEFT + frame.from_s * scale,
             y=TOP + ROW * i,
             width=max(1.0, (frame.to_s - frame.from_s) * scale),

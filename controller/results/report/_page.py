@@ -26,7 +26,7 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
-class Panel:
+class MarkedPicture:
     """A picture with overlaid marks.
 
     Attributes
@@ -52,7 +52,7 @@ class ViewPanel:
     view: ViewReport
     key: str
     outline: str
-    panels: tuple[Panel, ...]
+    panels: tuple[MarkedPicture, ...]
 
     @property
     def first(self) -> int | None:
@@ -67,7 +67,7 @@ class FindingRow:
     finding: FindingReport
     lamp: str
     faces: str
-    panel: Panel | None
+    panel: MarkedPicture | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class PartPage:
     part: PartReport
     word: str
     why: str
-    table: tuple[Panel, ...]
+    table: tuple[MarkedPicture, ...]
     findings: tuple[FindingRow, ...]
     views: tuple[ViewPanel, ...]
     ledger: Ledger | None
@@ -133,21 +133,23 @@ def make_part_page(
     )
 
 
-def _table(part: PartReport, pictures: Pictures, optics: Optics | None) -> tuple[Panel, ...]:
+def _table(
+    part: PartReport, pictures: Pictures, optics: Optics | None
+) -> tuple[MarkedPicture, ...]:
     marks = tuple(Mark(i, s.box_px) for i, s in enumerate(part.sightings, start=1))
     bar = SCALE_BAR_MM / optics.table_mm_per_px if optics else None
     arrow: tuple[float, ...] = ()
     taken = next((s for s in part.sightings if s.is_taken), None)
     if optics and taken is not None:
         arrow = _arrow(taken, optics)
-    panels: list[Panel] = []
+    panels: list[MarkedPicture] = []
     for lamp, name in part.table_pictures.items():
         # The first picture shows the whole table, the others the objects on it.
         size = pictures.size_px(name)
         boxes = [s.box_px for s in part.sightings]
         window = window_round(boxes, size, TABLE_MARGIN, TABLE_MIN_PX) if size else None
         shot = pictures.view(name, window if panels else None)
-        panels.append(Panel(lamp_words(lamp), shot, marks, bar, arrow))
+        panels.append(MarkedPicture(lamp_words(lamp), shot, marks, bar, arrow))
     return tuple(panels)
 
 
@@ -175,7 +177,7 @@ def _view(key: str, view: ViewReport, pictures: Pictures, optics: Optics | None)
             for f in view.findings
             if f.box_px and picture_of(view, f.lamp) == name
         )
-        panels.append(Panel(lamp_words(lamp), pictures.view(name, window), marks, bar))
+        panels.append(MarkedPicture(lamp_words(lamp), pictures.view(name, window), marks, bar))
     return ViewPanel(view, key, outline_path(view.outline_px), tuple(panels))
 
 
@@ -198,7 +200,7 @@ def _finding(
         shot = pictures.crop(name, window)
         bar = SCALE_BAR_MM / optics.station_mm_per_px if optics else None
         marks = (Mark(finding.number, finding.box_px),)
-        panel = Panel(
+        panel = MarkedPicture(
             lamp_words(finding.lamp), shot, marks, bar, border=_closed(finding.outline_px)
         )
     labels = _labels(part)

@@ -22,7 +22,7 @@ from ..run import ResultsError, RunRecord
 from ._words import cautions
 from .html import FILTERS, NO_CAD, solids_of
 from .signed.balloons import BalloonDrawing, balloon_drawing
-from .signed.table import Row, rows_of
+from .signed.table import TableRow, rows_of
 
 TEMPLATES: Final = ("form3.html.j2", "signed.html.j2", "part.html.j2", "report.css")
 NOT_MEASURED: Final = "not measured"
@@ -50,7 +50,7 @@ class FormRow:
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
+class PartForm:
     """Form of one part, with its drawing.
 
     Attributes
@@ -94,7 +94,7 @@ def render_form3_parts(parts: Sequence[JudgedPart], solid: Solid | None = None) 
     return _page(parts, lambda _: solid or NO_CAD, None)
 
 
-def make_form(judged: JudgedPart, solid: Solid | str) -> Form:
+def make_form(judged: JudgedPart, solid: Solid | str) -> PartForm:
     """Return the form of a part.
 
     Parameters
@@ -120,7 +120,7 @@ def make_form(judged: JudgedPart, solid: Solid | str) -> Form:
         ("Software", f"cellctl {h.software.get('cellctl', '')}".strip()),
         ("Operator", h.operator),
     )
-    return Form(
+    return PartForm(
         h.papers.get("part_number", ""),
         h.part,
         h.serial,
@@ -132,7 +132,7 @@ def make_form(judged: JudgedPart, solid: Solid | str) -> Form:
     )
 
 
-def _row(row: Row, shown: Mapping[int, str]) -> FormRow:
+def _row(row: TableRow, shown: Mapping[int, str]) -> FormRow:
     c = row.c
     return FormRow(
         c.balloon,

@@ -4,7 +4,7 @@
 `place.py` shows its place on the part, `page.py` puts all of it on a page. Nothing is judged here.
 """
 
-from .crops import CROPS, Crop, FindingCrops, PartCrops, Seen, border_in
+from .crops import CROPS, Crop, FindingCrops, PartCrops, ShownCrop, border_in
 from .page import jpeg, write_review_page
 
 __all__ = [
@@ -12,7 +12,7 @@ __all__ = [
     "Crop",
     "FindingCrops",
     "PartCrops",
-    "Seen",
+    "ShownCrop",
     "border_in",
     "jpeg",
     "write_review_page",

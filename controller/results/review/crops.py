@@ -17,7 +17,7 @@ from ..report.pictures import grey_picture, window_round
 from ..report.signed.looks import picture_of
 from ..run import Box, FindingReport, RunRecord, ViewReport
 from .place import MARK_BGR, place_drawing
-from .prediction import Predicted, Predictor
+from .prediction import PredictedPiece, Predictor
 
 Crop = Literal["picture", "predicted", "difference", "place"]
 CROPS: Final[tuple[Crop, ...]] = ("picture", "predicted", "difference", "place")
@@ -33,7 +33,7 @@ CORNERS: Final = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Seen:
+class ShownCrop:
     """A crop that can be shown.
 
     Attributes
@@ -109,7 +109,7 @@ class PartCrops:
             window = window_round([finding.box_px], size, MARGIN, MIN_PX)
         return FindingCrops(finding, view, file, lamp, window)
 
-    def crop(self, found: FindingCrops, which: Crop) -> Seen:
+    def crop(self, found: FindingCrops, which: Crop) -> ShownCrop:
         """Return a crop of a finding.
 
         Parameters
@@ -122,22 +122,22 @@ class PartCrops:
         picture = grey_picture(self._record.folder, found.file) if found.file else None
         if picture is None or found.window is None:
             name = f"picture {found.file} is missing" if found.file else "no picture was named"
-            return Seen(None, name)
+            return ShownCrop(None, name)
         x0, y0, x1, y1 = found.window
         observed = np.asarray(picture[y0:y1, x0:x1], dtype=float)
         gain = _gain(observed)
         if which == "picture":
-            return Seen(_shown(gain * observed))
+            return ShownCrop(_shown(gain * observed))
         if isinstance(self._predictor, str):
-            return Seen(None, self._predictor)
+            return ShownCrop(None, self._predictor)
         predicted = self._predictor.predict(found.view, found.lamp, picture, found.window)
         if isinstance(predicted, str):
-            return Seen(None, predicted)
+            return ShownCrop(None, predicted)
         if which == "predicted":
-            return Seen(_hatched(_shown(gain * predicted.level), predicted))
-        return Seen(_hatched(_difference(observed, predicted), predicted))
+            return ShownCrop(_hatched(_shown(gain * predicted.level), predicted))
+        return ShownCrop(_hatched(_difference(observed, predicted), predicted))
 
-    def marked(self, found: FindingCrops, which: Crop) -> Seen:
+    def marked(self, found: FindingCrops, which: Crop) -> ShownCrop:
         """Return the same with the finding's border drawn into it."""
         seen = self.crop(found, which)
         points = border_in(found)
@@ -148,16 +148,16 @@ class PartCrops:
         at = np.round(np.asarray(points) * size).astype(np.int32)
         cv2.polylines(image, [at], True, (255, 255, 255), 5, cv2.LINE_AA)
         cv2.polylines(image, [at], True, MARK_BGR, 2, cv2.LINE_AA)
-        return Seen(np.asarray(image, dtype=np.uint8))
+        return ShownCrop(np.asarray(image, dtype=np.uint8))
 
-    def _place(self, finding: FindingReport) -> Seen:
+    def _place(self, finding: FindingReport) -> ShownCrop:
         if isinstance(self._solid, str):
-            return Seen(None, self._solid)
+            return ShownCrop(None, self._solid)
         if len(finding.p_part_mm) != 3:
-            return Seen(None, "the place on the part is not known")
+            return ShownCrop(None, "the place on the part is not known")
         caster = RayCaster(self._solid.mesh)
         place = np.asarray(finding.p_part_mm, dtype=float)
-        return Seen(place_drawing(self._solid, caster, place, PLACE_PX))
+        return ShownCrop(place_drawing(self._solid, caster, place, PLACE_PX))
 
 
 def border_in(found: FindingCrops) -> tuple[tuple[float, float], ...]:
@@ -190,14 +190,14 @@ def _shown(level: FloatArray) -> NDArray[np.uint8]:
     return np.clip(grown, 0, 255).astype(np.uint8)
 
 
-def _difference(observed: FloatArray, predicted: Predicted) -> NDArray[np.uint8]:
+def _difference(observed: FloatArray, predicted: PredictedPiece) -> NDArray[np.uint8]:
     """Return picture less prediction: middle grey where they agree."""
     rest = np.where(predicted.known, observed - predicted.level, 0.0)
     scale = 127.0 / max(MIN_RANGE, float(np.percentile(np.abs(rest), 99.5)))
     return _shown(128.0 + scale * rest)
 
 
-def _hatched(image: NDArray[np.uint8], predicted: Predicted) -> NDArray[np.uint8]:
+def _hatched(image: NDArray[np.uint8], predicted: PredictedPiece) -> NDArray[np.uint8]:
     """Hatch the pixels without a prediction."""
     size = (image.shape[1], image.shape[0])
     known = cv2.resize(predicted.known.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0

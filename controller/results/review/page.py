@@ -21,7 +21,7 @@ TITLES: Final[Mapping[Crop, str]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Panel:
+class CropPanel:
     """A crop on the page: its data, or why there is none, and the finding's border over it."""
 
     title: str
@@ -31,12 +31,12 @@ class Panel:
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class ShownFinding:
     """A finding on the page."""
 
     crops: FindingCrops
     faces: str
-    panels: tuple[Panel, ...]
+    panels: tuple[CropPanel, ...]
 
 
 def write_review_page(crops: PartCrops, part: Mapping[str, Any], path: Path) -> Path:
@@ -57,18 +57,20 @@ def write_review_page(crops: PartCrops, part: Mapping[str, Any], path: Path) -> 
         one = crops.of(int(finding["number"]))
         if one is not None:
             faces = " and ".join(finding["faces"]) or "no face"
-            found.append(Shown(one, faces, tuple(_panel(crops, one, which) for which in CROPS)))
+            found.append(
+                ShownFinding(one, faces, tuple(_panel(crops, one, which) for which in CROPS))
+            )
     return render_page(__package__, "review.html.j2", path, part=part, findings=found)
 
 
-def _panel(crops: PartCrops, found: FindingCrops, which: Crop) -> Panel:
+def _panel(crops: PartCrops, found: FindingCrops, which: Crop) -> CropPanel:
     seen = crops.crop(found, which)
     if seen.image is None:
-        return Panel(TITLES[which], "", seen.why_missing, "")
+        return CropPanel(TITLES[which], "", seen.why_missing, "")
     border = ""
     if which != "place":
         border = " ".join(f"{100 * x:.2f},{100 * y:.2f}" for x, y in border_in(found))
-    return Panel(TITLES[which], data_uri(seen.image, JPEG_QUALITY), "", border)
+    return CropPanel(TITLES[which], data_uri(seen.image, JPEG_QUALITY), "", border)
 
 
 def jpeg(image: Any) -> bytes:  # noqa: ANN401 - grey or blue first

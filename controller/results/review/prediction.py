@@ -42,7 +42,7 @@ BACKLIT: Final = "backlight"  # ending of the panels' names
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Predicted:
+class PredictedPiece:
     """A piece of a predicted picture.
 
     Attributes
@@ -83,7 +83,9 @@ class Predictor:
         except ValidationError:
             return "another version of cellctl wrote the cell of this run"
 
-    def predict(self, view: ViewReport, lamp: str, picture: Grey, window: Roi) -> Predicted | str:
+    def predict(
+        self, view: ViewReport, lamp: str, picture: Grey, window: Roi
+    ) -> PredictedPiece | str:
         """Return the prediction for a window of a view's picture, or the reason why there is none.
 
         Parameters
@@ -113,7 +115,7 @@ class Predictor:
 
     def _shadow(
         self, T_world_part: FloatArray, camera: Camera, picture: Grey, window: Roi, whole: Roi
-    ) -> Predicted:
+    ) -> PredictedPiece:
         mask = render_maps(self._caster, T_world_part, camera, whole).mask.astype(np.uint8)
         x0, y0, x1, y1 = whole
         seen = picture[y0:y1, x0:x1]
@@ -124,7 +126,7 @@ class Predictor:
         bright = float(np.percentile(seen[beside], 75)) if beside.any() else 255.0
         here = render_maps(self._caster, T_world_part, camera, window).mask
         level = cv2.GaussianBlur(np.where(here, dark, bright), (0, 0), BLUR_PX)
-        return Predicted(np.asarray(level, dtype=float), np.ones(here.shape, dtype=bool))
+        return PredictedPiece(np.asarray(level, dtype=float), np.ones(here.shape, dtype=bool))
 
     def _lit(
         self,
@@ -134,7 +136,7 @@ class Predictor:
         picture: Grey,
         window: Roi,
         whole: Roi,
-    ) -> Predicted | str:
+    ) -> PredictedPiece | str:
         x0, y0, x1, y1 = whole
         step = max(1, round(max(x1 - x0, y1 - y0) / FIT_PX))
         coarse = render_maps(self._caster, T_world_part, camera, whole, step)
@@ -147,7 +149,7 @@ class Predictor:
         here = render_maps(self._caster, T_world_part, camera, window)
         sharp = offset + scale * self._light(here, T_world_part, camera, lamp, 1)
         level = np.asarray(cv2.GaussianBlur(sharp, (0, 0), BLUR_PX), dtype=float)
-        return Predicted(np.clip(level, 0, 255), here.mask)
+        return PredictedPiece(np.clip(level, 0, 255), here.mask)
 
     def _light(
         self,

@@ -6,25 +6,25 @@ detect a shift of the process, `capability.py` the capability indices; `page.py`
 one. Plain numbers in and out; nothing here decides upon a part.
 """
 
-from .capability import MIN_COUNT, Capability, Interval, capability
+from .capability import MIN_COUNT, Interval, ProcessCapability, capability
 from .charts import NelsonSignal, RunChart, nelson_signals, run_chart
 from .gauge import Bias, GaugeStudy, bias_of, gauge_study
-from .history import Series, Value, series_json, series_of
+from .history import MeasuredValue, Series, series_json, series_of
 from .nested import Component, NestedStudy, nested_study
 from .page import interval_words, series_notes, write_series_page
 
 __all__ = [
     "MIN_COUNT",
     "Bias",
-    "Capability",
     "Component",
     "GaugeStudy",
     "Interval",
+    "MeasuredValue",
     "NelsonSignal",
     "NestedStudy",
+    "ProcessCapability",
     "RunChart",
     "Series",
-    "Value",
     "bias_of",
     "capability",
     "gauge_study",

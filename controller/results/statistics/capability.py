@@ -32,7 +32,7 @@ class Interval:
 
 
 @dataclass(frozen=True, slots=True)
-class Capability:
+class ProcessCapability:
     """Process capability; indices are None if `note` says why.
 
     Attributes
@@ -55,7 +55,9 @@ class Capability:
     note: str = ""
 
 
-def capability(values: Sequence[float], lower: float | None, upper: float | None) -> Capability:
+def capability(
+    values: Sequence[float], lower: float | None, upper: float | None
+) -> ProcessCapability:
     """Return the capability of a process by values in the order measured.
 
     Parameters
@@ -74,13 +76,15 @@ def capability(values: Sequence[float], lower: float | None, upper: float | None
     mean = float(x.mean()) if n else None
     sigma = float(x.std(ddof=1)) if n > 1 else None
     if mean is None or sigma is None or n < MIN_COUNT:
-        return Capability(n, mean, sigma, note=f"{n} values, {MIN_COUNT} are required")
+        return ProcessCapability(n, mean, sigma, note=f"{n} values, {MIN_COUNT} are required")
     if sigma == 0:
-        return Capability(n, mean, sigma, note="all values are the same: no spread to compare")
+        return ProcessCapability(
+            n, mean, sigma, note="all values are the same: no spread to compare"
+        )
     within = float(np.abs(np.diff(x)).mean()) / D2
     p = _normality_p(x[:MAX_SHAPIRO])
     is_doubtful = p < NORMALITY_P
-    return Capability(
+    return ProcessCapability(
         n,
         mean,
         sigma,

@@ -12,7 +12,7 @@ from controller.cell.journal.usage import views_off_mm
 from controller.config.calibrations import MAX_OFF_MM
 
 from ..run import ResultsError, whole_journal
-from .capability import Capability, Interval, capability
+from .capability import Interval, ProcessCapability, capability
 from .charts import RunChart, run_chart
 
 AGREEMENT: Final = "arm against station camera"
@@ -24,7 +24,7 @@ NAMES: Final = tuple(
 
 
 @dataclass(frozen=True, slots=True)
-class Value:
+class MeasuredValue:
     """A measured value: its part, its run and its verdict."""
 
     run: str
@@ -52,7 +52,7 @@ class Series:
     nominal: float
     lower: float
     upper: float
-    values: list[Value] = field(default_factory=list)
+    values: list[MeasuredValue] = field(default_factory=list)
     missing: int = 0
     is_changed: bool = False
 
@@ -62,7 +62,7 @@ class Series:
         return run_chart([v.measured for v in self.values])
 
     @property
-    def capability(self) -> Capability:
+    def capability(self) -> ProcessCapability:
         """The process capability."""
         lower = None if self.kind in ONE_SIDED else self.lower
         return capability([v.measured for v in self.values], lower, self.upper)
@@ -126,7 +126,7 @@ def _take(
     if c.measured is None:
         series.missing += 1
     else:
-        series.values.append(Value(run, part, at, c.measured, c.U, c.verdict))
+        series.values.append(MeasuredValue(run, part, at, c.measured, c.U, c.verdict))
 
 
 def _agreement(posed: rows.ViewsPosed) -> rows.CharacteristicFields:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from ..pages import render_page
-from ..value_chart import Chart, Line, value_chart
+from ..value_chart import Chart, LevelLine, value_chart
 from ..wording import count_of, utc
 from .capability import Interval
 from .charts import NelsonSignal
@@ -86,14 +86,17 @@ def _charts(series: Series) -> tuple[str, str]:
     values = [v.measured for v in series.values]
     if not values:
         return "", ""
-    lines = [Line(series.upper, "upper limit"), Line(series.nominal, "nominal", "middle")]
+    lines = [LevelLine(series.upper, "upper limit"), LevelLine(series.nominal, "nominal", "middle")]
     if series.kind not in ONE_SIDED:
-        lines.append(Line(series.lower, "lower limit"))
+        lines.append(LevelLine(series.lower, "lower limit"))
     chart = series.chart
     if chart is None:
         return value_chart(Chart(values, lines, half_widths=[v.U for v in series.values])), ""
-    lines += [Line(chart.upper, "control", "control"), Line(chart.lower, "control", "control")]
-    lines.append(Line(chart.mean, "mean", "middle"))
+    lines += [
+        LevelLine(chart.upper, "control", "control"),
+        LevelLine(chart.lower, "control", "control"),
+    ]
+    lines.append(LevelLine(chart.mean, "mean", "middle"))
     ranges = [abs(b - a) for a, b in pairwise(values)]
     high = {i: "R" for i, r in enumerate(ranges) if r > chart.upper_range}
     return (
@@ -104,8 +107,8 @@ def _charts(series: Series) -> tuple[str, str]:
             Chart(
                 ranges,
                 [
-                    Line(chart.upper_range, "control", "control"),
-                    Line(chart.mean_range, "mean range", "middle"),
+                    LevelLine(chart.upper_range, "control", "control"),
+                    LevelLine(chart.mean_range, "mean range", "middle"),
                 ],
                 high,
             )

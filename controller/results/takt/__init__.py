@@ -6,7 +6,7 @@
 
 from .folding import PartTakt, RunTakt, takt_of, takts_of
 from .groups import GROUPS, TaktGroup, grouped, run_takt, takt_json, takt_line
-from .uses import BUSY, Use
+from .uses import BUSY, TimeUse
 
 __all__ = [
     "BUSY",
@@ -14,7 +14,7 @@ __all__ = [
     "PartTakt",
     "RunTakt",
     "TaktGroup",
-    "Use",
+    "TimeUse",
     "grouped",
     "run_takt",
     "takt_json",

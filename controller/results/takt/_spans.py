@@ -1,7 +1,7 @@
 """Division of a run into spans of one use each, by its rows.
 
 Every instant between two rows goes into exactly one use, so that the uses add up to the whole. Time
-without a rule is `Use.REST`.
+without a rule is `TimeUse.REST`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,24 +12,24 @@ from controller.cell.journal import Body, rows
 from controller.cell.machine import RESETTING, Mode, mode_of, work_of
 
 from ..run import LogEntry
-from .uses import Use
+from .uses import TimeUse
 
 # Purpose of a state while neither the arm nor its jaws move.
 _OF_WORK: Final = {
-    "acquiring": Use.TABLE_PICTURES,
-    "recognising": Use.RECOGNITION,
-    "planning": Use.PLANNING,
-    "inspecting": Use.EVALUATION,
+    "acquiring": TimeUse.TABLE_PICTURES,
+    "recognising": TimeUse.RECOGNITION,
+    "planning": TimeUse.PLANNING,
+    "inspecting": TimeUse.EVALUATION,
     # Between paths, jaws are opened and holds checked, without rows of their own.
-    "grasping": Use.JAWS,
-    "handing": Use.JAWS,
-    "lowering": Use.JAWS,
-    "placing": Use.JAWS,
+    "grasping": TimeUse.JAWS,
+    "handing": TimeUse.JAWS,
+    "lowering": TimeUse.JAWS,
+    "placing": TimeUse.JAWS,
     # The path home is being computed.
-    "withdrawing": Use.PLANNING,
-    "recovering": Use.PLANNING,
+    "withdrawing": TimeUse.PLANNING,
+    "recovering": TimeUse.PLANNING,
 }
-_OF_STATE: Final = {"holding": Use.PERSON, "held": Use.PERSON}
+_OF_STATE: Final = {"holding": TimeUse.PERSON, "held": TimeUse.PERSON}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Span:
     is_execute : the machine was in Execute
     """
 
-    use: Use
+    use: TimeUse
     start_s: float
     end_s: float
     is_execute: bool
@@ -97,27 +97,29 @@ class _Teller:
     @property
     def is_open(self) -> bool:
         """True if only a later row determines the use of this time."""
-        return self._at_view == "waits" and self.use is Use.SHOWING
+        return self._at_view == "waits" and self.use is TimeUse.SHOWING
 
     @property
-    def use(self) -> Use:
+    def use(self) -> TimeUse:
         """The use of the time from here on."""
         mode, work = mode_of(self._state), work_of(self._state)
         if mode in (Mode.SUSPENDED, Mode.UNSUSPENDING):
-            return Use.PAUSE
+            return TimeUse.PAUSE
         if self._question_count:
-            return Use.PERSON
+            return TimeUse.PERSON
         if mode is None:
-            return _OF_STATE.get(self._state, Use.REST)
+            return _OF_STATE.get(self._state, TimeUse.REST)
         if work == RESETTING:
-            return Use.HOMING
+            return TimeUse.HOMING
         if self._on_path:
-            return Use.MOVING
+            return TimeUse.MOVING
         if self._jaws_count:
-            return Use.JAWS
+            return TimeUse.JAWS
         if work == "presenting":
-            return {"presses": Use.JAWS, "waits": Use.SHOWING}.get(self._at_view, Use.REST)
-        return _OF_WORK.get(work or "", Use.REST)
+            return {"presses": TimeUse.JAWS, "waits": TimeUse.SHOWING}.get(
+                self._at_view, TimeUse.REST
+            )
+        return _OF_WORK.get(work or "", TimeUse.REST)
 
     def take(self, row: Body | None) -> None:
         match row:
@@ -165,7 +167,11 @@ def spans(log: Sequence[LogEntry], at_s: Sequence[float]) -> Iterator[Span]:
         teller.take(entry.row)
         if was_open and open_spans and not teller.is_open:
             # The arm waited before the camera, for its pictures or for results of earlier views.
-            use = Use.SHOWING if isinstance(entry.row, rows.ViewPicturesTaken) else Use.EVALUATION
+            use = (
+                TimeUse.SHOWING
+                if isinstance(entry.row, rows.ViewPicturesTaken)
+                else TimeUse.EVALUATION
+            )
             yield from (Span(use, s.start_s, s.end_s, s.is_execute) for s in open_spans)
             open_spans = []
         span = Span(teller.use, at_s[k], at_s[k + 1], teller.is_execute)

@@ -13,7 +13,7 @@ from controller.cell.machine import Event
 
 from ..run import LogEntry, ResultsError, RunRecord, entry_of, whole_journal
 from ._spans import Span, instants, spans
-from .uses import BUSY, Use
+from .uses import BUSY, TimeUse
 
 KINDS: Final = ("event", "intent", "outcome", "observation", "decision")
 # Rows that the fold skips: long ones, and those that others write about a run, perhaps in the
@@ -45,7 +45,7 @@ class PartTakt:
     number: int
     recipe: str = ""
     forecast_s: float | None = None
-    seconds: Mapping[Use, float] = field(default_factory=dict)
+    seconds: Mapping[TimeUse, float] = field(default_factory=dict)
     execute_s: float = 0.0
     busy_s: float = 0.0
     late_wall_s: float = 0.0
@@ -181,7 +181,7 @@ def _pieces(log: Sequence[LogEntry]) -> Iterator[tuple[int, int, int]]:
 
 
 def _part(number: int, recipe: str, log: Sequence[LogEntry], found: Iterable[Span]) -> PartTakt:
-    seconds = dict.fromkeys(Use, 0.0)
+    seconds = dict.fromkeys(TimeUse, 0.0)
     execute_s = busy_s = 0.0
     for span in found:
         length_s = span.end_s - span.start_s

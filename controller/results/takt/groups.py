@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from ..run import RunRecord
 from .folding import PartTakt, RunTakt, takt_of
-from .uses import BUSY, Use
+from .uses import BUSY, TimeUse
 
 GROUPS: Final[Mapping[str, Callable[[RunTakt, PartTakt], str]]] = {
     "run": lambda run, part: run.run_id,
@@ -43,7 +43,7 @@ class TaktGroup:
     part_count: int
     unjudged_count: int
     planned_ahead_count: int
-    seconds: Mapping[Use, float]
+    seconds: Mapping[TimeUse, float]
     execute_s: float
     busy_s: float
     judged_execute_s: float
@@ -108,7 +108,7 @@ def _group(name: str, members: Iterable[tuple[RunTakt, PartTakt]]) -> TaktGroup:
             part.number > 0 and part.is_counted and not part.is_done for part in parts
         ),
         planned_ahead_count=sum(part.is_planned_ahead for part in parts),
-        seconds={use: sum(part.seconds.get(use, 0.0) for part in parts) for use in Use},
+        seconds={use: sum(part.seconds.get(use, 0.0) for part in parts) for use in TimeUse},
         execute_s=sum(part.execute_s for part in parts),
         busy_s=sum(part.busy_s for part in parts),
         judged_execute_s=sum(part.execute_s for part in parts if part.is_done),

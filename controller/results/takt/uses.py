@@ -4,12 +4,12 @@ from enum import StrEnum
 from typing import Final
 
 
-class Use(StrEnum):
+class TimeUse(StrEnum):
     """The use of a span of time; the value is its name in JSON, `words` in a sentence."""
 
     words: str
 
-    def __new__(cls, value: str, words: str) -> "Use":
+    def __new__(cls, value: str, words: str) -> "TimeUse":
         """Make a member of its name and its words."""
         made = str.__new__(cls, value)
         made._value_ = value
@@ -30,4 +30,4 @@ class Use(StrEnum):
 
 
 # Uses in which the arm follows the plan. It is idle in all other spans.
-BUSY: Final = frozenset({Use.MOVING, Use.JAWS, Use.SHOWING})
+BUSY: Final = frozenset({TimeUse.MOVING, TimeUse.JAWS, TimeUse.SHOWING})

@@ -24,7 +24,7 @@ LARGEST_RADIUS = 50.0  # in lengths of the edge; a flatter arc cannot be told fr
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Curves:
+class EdgeCurves:
     """`Curve` of each edge (e,), and centre (e, 3), axis (e, 3), radius (e,) of circles."""
 
     curve: NDArray[np.int8]
@@ -39,7 +39,7 @@ def fit_curves(
     chain_start: IntArray,
     faces: Sequence[Face],
     face: IntArray,
-) -> Curves:
+) -> EdgeCurves:
     """Return the curves of edges.
 
     Parameters
@@ -50,7 +50,7 @@ def fit_curves(
     face : (2 e,) surface to the left of each half-edge
     """
     count = len(chain_start) - 1
-    curves = Curves(
+    curves = EdgeCurves(
         np.full(count, Curve.OTHER, dtype=np.int8),
         np.full((count, 3), np.nan),
         np.full((count, 3), np.nan),
@@ -87,7 +87,7 @@ def fit_curves(
 
 
 def _keep(
-    curves: Curves, good: BoolArray, middle: FloatArray, axis: FloatArray, r: FloatArray
+    curves: EdgeCurves, good: BoolArray, middle: FloatArray, axis: FloatArray, r: FloatArray
 ) -> None:
     curves.curve[good] = Curve.CIRCLE
     curves.centre_mm[good] = middle[good]

@@ -15,7 +15,7 @@ from controller.arrays import BoolArray, IntArray
 from ..formulas.fits import Cloud, fits
 from ..formulas.primitives import Primitive
 from ..formulas.refine import refined
-from ._neighbours import Neighbours
+from ._neighbours import SmoothNeighbours
 from ._pieces import MIN_FACETS, Pieces
 
 LOOSE_MM = 0.02  # misfit up to which a whole run of a scan or a coarse export is one surface
@@ -96,7 +96,7 @@ class Grower:
         return bool(cosine.min() < np.cos(turn_rad))
 
     def run(
-        self, facets: IntArray, links: Neighbours, strips: Neighbours, free: BoolArray
+        self, facets: IntArray, links: SmoothNeighbours, strips: SmoothNeighbours, free: BoolArray
     ) -> list[Found]:
         """Return the surfaces in a run of smoothly joined facets.
 
@@ -127,8 +127,8 @@ class Grower:
     def _seeded(
         self,
         facets: IntArray,
-        links: Neighbours,
-        strips: Neighbours,
+        links: SmoothNeighbours,
+        strips: SmoothNeighbours,
         free: BoolArray,
         tolerance_mm: float,
         turn_rad: float,
@@ -172,7 +172,7 @@ class Grower:
     def _guesses(
         self,
         seed: int,
-        nearness: tuple[Neighbours, ...],
+        nearness: tuple[SmoothNeighbours, ...],
         free: BoolArray,
         tolerance_mm: float,
         known: list[IntArray],
@@ -217,7 +217,7 @@ class Grower:
         self,
         primitive: Primitive,
         patch: IntArray,
-        links: Neighbours,
+        links: SmoothNeighbours,
         free: BoolArray,
         tolerance_mm: float,
         turn_rad: float,

@@ -10,7 +10,7 @@ from ._facets import Facets
 LONG_SIDE = 0.5  # share of a facet's longest side; strips of a wall meet along such sides
 
 
-class Neighbours:
+class SmoothNeighbours:
     """Facets that meet smoothly, as rows of a compressed adjacency.
 
     Parameters
@@ -29,14 +29,14 @@ class Neighbours:
         return np.asarray(self.to[rows(self.start, facets)])
 
 
-def along_long_sides(facets: Facets, inner: BoolArray) -> Neighbours:
+def along_long_sides(facets: Facets, inner: BoolArray) -> SmoothNeighbours:
     """Return the neighbours across long sides: strip by strip round a wall, not off its ends."""
     a, b, lengths = facets.a[inner], facets.b[inner], facets.lengths_mm[inner]
     longest = np.zeros(facets.count)
     np.maximum.at(longest, a, lengths)
     np.maximum.at(longest, b, lengths)
     long = lengths > LONG_SIDE * np.maximum(longest[a], longest[b])
-    return Neighbours(facets.count, a[long], b[long])
+    return SmoothNeighbours(facets.count, a[long], b[long])
 
 
 def rows(start: IntArray, picked: IntArray) -> IntArray:

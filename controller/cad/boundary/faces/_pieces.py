@@ -9,7 +9,7 @@ from ...large import AT_ONCE, spans
 from ..formulas.fits import Cloud, thinning
 from ..formulas.primitives import Primitive
 from ._facets import Facets
-from ._neighbours import Neighbours, rows
+from ._neighbours import SmoothNeighbours, rows
 
 # half a segment of a 16-sided rod; from 17 segments on it is a curved wall
 COS_HALF_STEP = np.cos(np.radians(11.6))
@@ -89,7 +89,7 @@ class Pieces:
         # slivers may face anywhere; the facet's normal speaks for all its triangles
         return np.asarray(~(far | np.logical_or.reduceat(turned.any(axis=1), first)))
 
-    def patch(self, seed: int, wanted: int, links: Neighbours, free: BoolArray) -> IntArray:
+    def patch(self, seed: int, wanted: int, links: SmoothNeighbours, free: BoolArray) -> IntArray:
         """Return a facet and rings of facets round it, about as many as wanted.
 
         Parameters
@@ -115,7 +115,7 @@ class Pieces:
         self,
         primitive: Primitive,
         facets: IntArray,
-        links: Neighbours,
+        links: SmoothNeighbours,
         free: BoolArray,
         tolerance_mm: float,
     ) -> IntArray:
@@ -140,7 +140,7 @@ class Pieces:
             parts.append(front)
         return np.concatenate(parts)
 
-    def _ring(self, front: IntArray, links: Neighbours, free: BoolArray) -> IntArray:
+    def _ring(self, front: IntArray, links: SmoothNeighbours, free: BoolArray) -> IntArray:
         """Return the free neighbours not yet seen since the last tick, and mark them as seen."""
         ring = links.of(front)
         ring = np.unique(ring[free[ring] & (self._seen[ring] != self._tick)])

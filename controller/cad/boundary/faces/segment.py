@@ -18,7 +18,7 @@ from ..formulas.primitives import Primitive
 from ._describe import describe
 from ._facets import Facets, find_facets, rounding_mm, true_corners
 from ._growth import MAX_SEEDS, Found, Grower
-from ._neighbours import Neighbours, along_long_sides
+from ._neighbours import SmoothNeighbours, along_long_sides
 from ._pieces import MIN_FACETS, Pieces
 from ._specks import specks_absorbed
 
@@ -102,7 +102,7 @@ def _surfaces(facets: Facets, grower: Grower, curved: BoolArray) -> list[Found]:
     order = np.argsort(run, kind="stable")
     sizes = np.bincount(run)
     start = np.concatenate([[0], np.cumsum(sizes)])
-    links, strips = Neighbours(facets.count, a, b), along_long_sides(facets, inner)
+    links, strips = SmoothNeighbours(facets.count, a, b), along_long_sides(facets, inner)
     free = curved.copy()
     areas = np.bincount(run, weights=facets.areas)
     found: list[Found] = []

@@ -61,7 +61,7 @@ def read_3mf(data: bytes, path: Path) -> tuple[FloatArray, IntArray, str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Use:
+class PlacedObject:
     """An object that a component or the build places: file and id, and its pose [file's unit]."""
 
     file: str
@@ -70,12 +70,12 @@ class Use:
 
 
 @dataclass(slots=True)
-class Body:
+class ModelObject:
     """An object of a model: corners and triangles, or others that it holds."""
 
     numbers: "array[float]" = field(default_factory=lambda: array("d"))
     triangles: "array[int]" = field(default_factory=lambda: array("q"))
-    holds: list[Use] = field(default_factory=list)
+    holds: list[PlacedObject] = field(default_factory=list)
 
 
 class _Package:
@@ -85,9 +85,9 @@ class _Package:
         self._archive = archive
         self._path = path
         self._names = {name.lower().lstrip("/"): name for name in archive.namelist()}
-        self._bodies: dict[tuple[str, str], Body] = {}
+        self._bodies: dict[tuple[str, str], ModelObject] = {}
         self._read: set[str] = set()
-        self._items: list[Use] = []
+        self._items: list[PlacedObject] = []
         self._unit = DEFAULT_UNIT
         self.tag_count = self.component_count = self.triangle_count = 0
         unpacked = sum(
@@ -120,7 +120,7 @@ class _Package:
 
     def _place(
         self,
-        use: Use,
+        use: PlacedObject,
         T: FloatArray,
         pieces: list[tuple[FloatArray, IntArray]],
         within: tuple[tuple[str, str], ...],
@@ -212,9 +212,9 @@ class _Model:
         self._name = name
         self._path = path
         self._depth = 0
-        self._body: Body | None = None
-        self.bodies: dict[str, Body] = {}
-        self.items: list[Use] = []
+        self._body: ModelObject | None = None
+        self.bodies: dict[str, ModelObject] = {}
+        self.items: list[PlacedObject] = []
         self.unit = DEFAULT_UNIT
 
     def refuse_entities(self, *_: object) -> None:
@@ -235,7 +235,7 @@ class _Model:
         elif kind == "triangle" and body is not None:
             body.triangles.extend([self._index(key, given) for key in ATTRIBUTES[1]])
         elif kind == "object":
-            self._body = self.bodies[given["id"]] = Body()
+            self._body = self.bodies[given["id"]] = ModelObject()
         elif kind == "component" and body is not None:
             self._package.count_component()
             body.holds.append(self._use(kind, given))
@@ -250,7 +250,7 @@ class _Model:
         if tag.rpartition(" ")[2] == "object":
             self._body = None
 
-    def _use(self, kind: str, given: Mapping[str, str]) -> Use:
+    def _use(self, kind: str, given: Mapping[str, str]) -> PlacedObject:
         file = next((v for k, v in given.items() if k.rpartition(" ")[2] == "path"), self._name)
         T = np.eye(4)
         if words := given.get("transform", "").split():
@@ -260,7 +260,7 @@ class _Model:
                 )
             rows = [self._number(kind, "transform", {"transform": word}) for word in words]
             T[:3] = np.array(rows).reshape(4, 3).T  # the file has rows times a matrix
-        return Use(file.lower().lstrip("/"), given["objectid"], T)
+        return PlacedObject(file.lower().lstrip("/"), given["objectid"], T)
 
     def _number(self, kind: str, key: str, given: Mapping[str, str]) -> float:
         word = given.get(key, "")

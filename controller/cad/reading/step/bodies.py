@@ -43,7 +43,7 @@ class Occurrence:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Body:
+class StepBody:
     """One body of a STEP file.
 
     Attributes
@@ -81,8 +81,8 @@ class Bodies:
     is_in_code_page : whether its names are no UTF-8, and were read as code page 1252
     """
 
-    distinct: tuple[Body, ...]
-    others: tuple[Body, ...]
+    distinct: tuple[StepBody, ...]
+    others: tuple[StepBody, ...]
     open_names: tuple[str, ...]
     unit: str
     missing: tuple[str, ...]
@@ -173,7 +173,7 @@ def _grouped(
     stated: Sequence[Mapping[str, Any]],
     found: Mapping[str, NDArray[np.generic]],
     content: Sequence[bytes],
-) -> tuple[tuple[Body, ...], tuple[Body, ...]]:
+) -> tuple[tuple[StepBody, ...], tuple[StepBody, ...]]:
     """Return one body for each shape, and bodies of one shape with different names."""
     firsts: list[int] = []
     into: list[tuple[int, FloatArray]] = []  # for each body: the first of its shape, and the pose
@@ -231,9 +231,9 @@ def _marks(one: Mapping[str, Any], found: Mapping[str, NDArray[np.generic]], i: 
     )
 
 
-def _body(one: Mapping[str, Any], name: str, shape: bytes) -> Body:
+def _body(one: Mapping[str, Any], name: str, shape: bytes) -> StepBody:
     places = tuple(Occurrence(tuple(p["in"]), np.array(p["T"])) for p in one["placed"])
-    return Body(
+    return StepBody(
         name=name,
         also=(),
         size_mm=np.array(one["size_mm"], dtype=float),

@@ -10,13 +10,13 @@ from typing import Final
 from controller.config.cad_files import body_name, body_path
 
 from ...errors import EmptyCadError, ManySolidsCadError, OpenCadError, UnreadableCadError
-from .bodies import Bodies, Body
+from .bodies import Bodies, StepBody
 from .texts import CODE_PAGE_TEXT
 
 MAX_LISTED: Final = 60
 
 
-def choose(path: Path, bodies: Bodies, name: str) -> Body:
+def choose(path: Path, bodies: Bodies, name: str) -> StepBody:
     """Return the body of a name.
 
     Parameters
@@ -74,7 +74,7 @@ def require_any(path: Path, bodies: Bodies) -> None:
         raise EmptyCadError(f"{path}: holds no shape; export the solid body again")
 
 
-def require_one(path: Path, bodies: Bodies) -> Body:
+def require_one(path: Path, bodies: Bodies) -> StepBody:
     """Return the only body of a file.
 
     Raises
@@ -131,12 +131,12 @@ def size_text(size_mm: Iterable[float]) -> str:
     return " x ".join(f"{side:.1f}" for side in size_mm) + " mm"
 
 
-def row_text(body: Body) -> str:
+def row_text(body: StepBody) -> str:
     """Return a body's row of a list, behind its name: its size and its placement."""
     return f"{size_text(body.size_mm):<24} {place_text(body)}"
 
 
-def place_text(body: Body) -> str:
+def place_text(body: StepBody) -> str:
     """Return the placement of a body in words: how often, where, and its other names."""
     within = Counter(place.within[-1] for place in body.occurrences if place.within)
     words = ["once" if len(body.occurrences) == 1 else f"{len(body.occurrences)} times"]

@@ -33,7 +33,7 @@ from ...errors import (
 from ...solid import Solid, make_solid
 from ...surfaces.tolerances import Tolerance
 from ._tolerances import tolerances_from
-from .bodies import Bodies, Body, open_bodies
+from .bodies import Bodies, StepBody, open_bodies
 from .choosing import choose, many, require_one
 from .kernel import KernelLimits, KernelRun, check_installed
 from .merging import merge_faces
@@ -208,7 +208,7 @@ class BodyOfFile:
     caution : a caution about the result, in a sentence
     """
 
-    body: Body
+    body: StepBody
     unit: str
     files: References
     caution: str = ""

@@ -68,7 +68,7 @@ class Part21:
         Part21Error : ``number`` is no reference, or names a record the file does not hold, or an
             empty one
         """
-        if not isinstance(number, Reference) or number.number not in self._text:
+        if not isinstance(number, RecordReference) or number.number not in self._text:
             raise Part21Error(f"{number} names no record")
         if number.number not in self._records:
             parts = _parts(self._text[number.number])
@@ -77,11 +77,11 @@ class Part21:
             self._records[number.number] = parts
         return self._records[number.number]
 
-    def all_of(self, keyword: str) -> Iterator[tuple["Reference", dict[str, Arguments]]]:
+    def all_of(self, keyword: str) -> Iterator[tuple["RecordReference", dict[str, Arguments]]]:
         """Yield every record that has a keyword."""
         for number, text in self._text.items():
             if keyword in text:
-                reference = Reference(number)
+                reference = RecordReference(number)
                 record = self.record(reference)
                 if keyword in record:
                     yield reference, record
@@ -121,19 +121,21 @@ class Part21:
             found.append(self._measure(arguments[2]).value)
         return found
 
-    def datum_surfaces(self) -> dict[str, set["Reference"]]:
+    def datum_surfaces(self) -> dict[str, set["RecordReference"]]:
         """Return the faces of each datum by its letter."""
-        faces: dict[Reference, set[Reference]] = {}
+        faces: dict[RecordReference, set[RecordReference]] = {}
         for _, record in self.all_of("GEOMETRIC_ITEM_SPECIFIC_USAGE"):
             _, _, aspect, _, items = record["GEOMETRIC_ITEM_SPECIFIC_USAGE"][:5]
             named = items if isinstance(items, list) else [items]
-            faces.setdefault(aspect, set()).update(i for i in named if isinstance(i, Reference))
-        below: dict[Reference, list[Reference]] = {}
+            faces.setdefault(aspect, set()).update(
+                i for i in named if isinstance(i, RecordReference)
+            )
+        below: dict[RecordReference, list[RecordReference]] = {}
         for _, record in self.all_of("SHAPE_ASPECT_RELATIONSHIP"):
             relating, related = record["SHAPE_ASPECT_RELATIONSHIP"][2:4]
             below.setdefault(relating, []).append(related)
         letters = {of: str(r["DATUM"][-1]) for of, r in self.all_of("DATUM") if r["DATUM"]}
-        found: dict[str, set[Reference]] = {letter: set() for letter in letters.values()}
+        found: dict[str, set[RecordReference]] = {letter: set() for letter in letters.values()}
         for feature, parts in below.items():
             for letter in {letters[part] for part in parts if part in letters}:
                 reached, todo = {feature}, [feature]
@@ -146,7 +148,7 @@ class Part21:
                             todo.append(part)
         return found
 
-    def faces_of_solid(self, count: int) -> list["Reference"]:
+    def faces_of_solid(self, count: int) -> list["RecordReference"]:
         """Return the faces of the file's solid with the given number of faces, in their order.
 
         Empty if no solid of the file has that many, or if several have: the text does not identify
@@ -165,7 +167,9 @@ class Part21:
 
     def _deviations(
         self,
-    ) -> Iterator[tuple["Reference", tuple["Measure | None", "Measure | None", str]]]:
+    ) -> Iterator[
+        tuple["RecordReference", tuple["NumberWithUnit | None", "NumberWithUnit | None", str]]
+    ]:
         for _, record in self.all_of("PLUS_MINUS_TOLERANCE"):
             how, of = record["PLUS_MINUS_TOLERANCE"][:2]
             limits = self.record(how)
@@ -176,7 +180,7 @@ class Part21:
                 form, _, grade = limits["LIMITS_AND_FITS"][:3]
                 yield of, (None, None, f"{form}{grade}")
 
-    def _named_measure(self, item: Any) -> tuple[str, "Measure"] | None:  # noqa: ANN401
+    def _named_measure(self, item: Any) -> tuple[str, "NumberWithUnit"] | None:  # noqa: ANN401
         record = self.record(item)
         simple = record.get("MEASURE_REPRESENTATION_ITEM")
         if simple:
@@ -186,7 +190,7 @@ class Part21:
             return str(name), self._measure_of(record["MEASURE_WITH_UNIT"])
         return None
 
-    def _measure(self, number: Any) -> "Measure":  # noqa: ANN401
+    def _measure(self, number: Any) -> "NumberWithUnit":  # noqa: ANN401
         record = self.record(number)
         if record.get("MEASURE_WITH_UNIT"):
             return self._measure_of(record["MEASURE_WITH_UNIT"])
@@ -195,13 +199,13 @@ class Part21:
                 return self._measure_of(arguments)
         raise Part21Error(f"{number} is no measure with a unit")
 
-    def _measure_of(self, arguments: Arguments) -> "Measure":
+    def _measure_of(self, arguments: Arguments) -> "NumberWithUnit":
         typed, unit = arguments[:2]
         raw = _number(typed)
         factor, is_angle = self._unit(unit)
         if not isfinite(raw * factor):
             raise Part21Error("a measure that is no number")
-        return Measure(raw, raw * factor, is_angle)
+        return NumberWithUnit(raw, raw * factor, is_angle)
 
     def _unit(self, number: Any, depth: int = 0) -> tuple[float, bool]:  # noqa: ANN401
         """Return the factor of a unit to mm or rad, and True if it is an angle."""
@@ -224,14 +228,14 @@ class Part21:
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
+class RecordReference:
     """A record's number where another one names it, as ``#12``."""
 
     number: int
 
 
 @dataclass(frozen=True, slots=True)
-class Measure:
+class NumberWithUnit:
     """A number with its unit.
 
     Attributes
@@ -249,7 +253,9 @@ def _sorted(one: float, other: float) -> tuple[float, float]:
     return min(one, other), max(one, other)
 
 
-def _in_order(below: "Measure | None", above: "Measure | None") -> tuple[float, float] | None:
+def _in_order(
+    below: "NumberWithUnit | None", above: "NumberWithUnit | None"
+) -> tuple[float, float] | None:
     """Return lower and upper deviation, written in either order.
 
     The standard has the lower one first, with its sign. Some systems write the upper one first,
@@ -307,7 +313,7 @@ def _arguments(text: str, at: int, depth: int) -> tuple[Arguments, int]:
 
 def _value(token: str) -> Any:  # noqa: ANN401  a number, a text, a reference or nothing
     if token[0] == "#":
-        return Reference(int(token[1:]))
+        return RecordReference(int(token[1:]))
     if token[0] == "'":
         return token[1:-1].replace("''", "'")
     if token[0] == ".":

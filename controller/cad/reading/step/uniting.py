@@ -13,7 +13,7 @@ import numpy as np
 from controller.config.cad_files import EVERY, body_path
 
 from ...errors import CadError, ManySolidsCadError
-from .bodies import Bodies, Body, written
+from .bodies import Bodies, StepBody, written
 from .kernel import KernelLimits, KernelRun
 from .references import References
 
@@ -80,7 +80,7 @@ def unite(path: Path, files: References, limits: KernelLimits | None = None) -> 
         )
 
 
-def require_whole(path: Path, united: United) -> Body:
+def require_whole(path: Path, united: United) -> StepBody:
     """Return the union as a body.
 
     Raises
@@ -92,7 +92,7 @@ def require_whole(path: Path, united: United) -> Body:
             f"{path}: its {united.count} bodies touch so that {united.piece_count} are left; a "
             "part is one. Name one of them behind the #, or unite them in the CAD system"
         )
-    return Body("", (), np.zeros(3), 0.0, (), "", 0, united.shape)
+    return StepBody("", (), np.zeros(3), 0.0, (), "", 0, united.shape)
 
 
 def touching_text(path: Path, files: References, bodies: Bodies) -> str:

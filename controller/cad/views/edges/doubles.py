@@ -8,14 +8,14 @@ from .._model import ViewModel
 from .._project import Projection
 from .._segments import cross, tree_of
 from ..outlines.outline import ROUNDED_MM, ROUNDED_SINE
-from .hidden import SHORTEST_MM, Pieces, plane_ends
+from .hidden import SHORTEST_MM, EdgeRuns, plane_ends
 
 DOUBLED_MM = 0.01  # lines closer than this all along show as one
 DOUBLED_RAD = 0.05
 STRAY_MM = 0.05  # distance of a free wall's silhouette from its rim: a drawing may be off by this
 
 
-def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Pieces:
+def without_doubles(model: ViewModel, view: Projection, pieces: EdgeRuns) -> EdgeRuns:
     """Return the pieces without those under a nearer one, as the foot of a wall seen edge-on.
 
     Parameters
@@ -71,8 +71,8 @@ def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Piece
 
 
 def _uncovered(
-    pieces: Pieces, under: Int32Array | IntArray, a: FloatArray, b: FloatArray, short: FloatArray
-) -> Pieces:
+    pieces: EdgeRuns, under: Int32Array | IntArray, a: FloatArray, b: FloatArray, short: FloatArray
+) -> EdgeRuns:
     """Return pieces without the stretches a to b, in shares of their length, of pieces ``under``.
 
     All (m,); rests shorter than ``short``, as a share of the piece, are dropped.
@@ -99,13 +99,13 @@ def _uncovered(
     start = np.concatenate([pieces.start[kept], [r[1] for r in rests]])
     end = np.concatenate([pieces.end[kept], [r[2] for r in rests]])
     order = np.lexsort((start, pieces.mesh_edge[owner]))
-    return Pieces(pieces.mesh_edge[owner[order]], start[order], end[order])
+    return EdgeRuns(pieces.mesh_edge[owner[order]], start[order], end[order])
 
 
 def _nearness(
     model: ViewModel,
     view: Projection,
-    pieces: Pieces,
+    pieces: EdgeRuns,
     piece: Int32Array | IntArray,
     part: FloatArray,
 ) -> FloatArray:

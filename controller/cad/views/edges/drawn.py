@@ -10,15 +10,15 @@ from .._model import ViewModel
 from .._project import FRONT, Projection
 from .._segments import near_pairs, tree_of
 from .._types import DrawnEdge, LineKind
-from ..outlines.outline import ROUNDED_MM, Ring
+from ..outlines.outline import ROUNDED_MM, PlaneLoop
 from .doubles import DOUBLED_MM
-from .hidden import Pieces, plane_at, plane_ends, points_on
+from .hidden import EdgeRuns, plane_at, plane_ends, points_on
 
 KINDS: tuple[LineKind, ...] = ("sharp", "smooth", "silhouette")
 
 
 def draw(
-    model: ViewModel, view: Projection, pieces: Pieces, rings: list[Ring]
+    model: ViewModel, view: Projection, pieces: EdgeRuns, rings: list[PlaneLoop]
 ) -> tuple[DrawnEdge, ...]:
     """Return pieces joined to drawn edges.
 
@@ -160,7 +160,7 @@ def _runs(first: Int32Array, last: Int32Array, key: IntArray, is_corner: BoolArr
 
 
 def _joined(
-    pieces: Pieces, flag: BoolArray
+    pieces: EdgeRuns, flag: BoolArray
 ) -> tuple[Int32Array, FloatArray, FloatArray, BoolArray]:
     edge, start, end = pieces.mesh_edge, pieces.start, pieces.end
     goes_on = (edge[1:] == edge[:-1]) & (start[1:] == end[:-1]) & (flag[1:] == flag[:-1])
@@ -169,7 +169,9 @@ def _joined(
     return edge[begins], start[begins], end[stops], flag[begins]
 
 
-def _on_rings(model: ViewModel, view: Projection, pieces: Pieces, rings: list[Ring]) -> BoolArray:
+def _on_rings(
+    model: ViewModel, view: Projection, pieces: EdgeRuns, rings: list[PlaneLoop]
+) -> BoolArray:
     p, q = plane_ends(model, view, pieces)
     sides = np.concatenate(
         [np.stack([r.points, np.roll(r.points, -1, axis=0)], axis=1) for r in rings]

@@ -24,7 +24,7 @@ END_ON_RAD = 1e-4  # lines closer to the line of sight than that show as points
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Pieces:
+class EdgeRuns:
     """Runs of mesh edges, none of them partly hidden.
 
     Attributes
@@ -55,7 +55,7 @@ def candidate_edges(model: ViewModel, view: Projection) -> Int32Array:
 
 def cut_edges(
     view: Projection, model: ViewModel, edges: Int32Array, rims: Int32Array, rim_tree: STRtree
-) -> Pieces:
+) -> EdgeRuns:
     """Return edges (n,) cut at their crossings with rims in the plane that pass in front.
 
     Parameters
@@ -86,7 +86,7 @@ def cut_edges(
     is_apart[1:] = (np.diff(owner) != 0) | (np.diff(at) * shown[owner[1:]] > gap) | (at[1:] == 1)
     owner, at = owner[is_apart], at[is_apart]
     inside = np.flatnonzero(np.diff(owner) == 0)
-    return Pieces(edges[owner[inside]], at[inside], at[inside + 1])
+    return EdgeRuns(edges[owner[inside]], at[inside], at[inside + 1])
 
 
 def tree_of_edges(model: ViewModel, view: Projection, edges: Int32Array) -> STRtree:
@@ -142,7 +142,7 @@ def _crossings(
     return cut_edge, cut_at
 
 
-def is_seen(model: ViewModel, view: Projection, pieces: Pieces) -> BoolArray:
+def is_seen(model: ViewModel, view: Projection, pieces: EdgeRuns) -> BoolArray:
     """Return a mask (n,) of the visible pieces: those with one of their faces in sight beside them.
 
     Parameters
@@ -223,7 +223,9 @@ def plane_at(
     return points
 
 
-def plane_ends(model: ViewModel, view: Projection, pieces: Pieces) -> tuple[FloatArray, FloatArray]:
+def plane_ends(
+    model: ViewModel, view: Projection, pieces: EdgeRuns
+) -> tuple[FloatArray, FloatArray]:
     """Return start and end points of pieces in the plane, (n, 2) each.
 
     Parameters

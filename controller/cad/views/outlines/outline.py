@@ -26,7 +26,7 @@ PARALLEL = 0.05  # sine between a side and the edge it lies on, of sides long en
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Ring:
+class PlaneLoop:
     """A loop of the outline in the plane; fields as in `Loop`, lens distortion left out."""
 
     points: FloatArray
@@ -44,7 +44,7 @@ def rim_edges(model: ViewModel, view: Projection) -> Int32Array:
 
 def find_rings(
     model: ViewModel, view: Projection, rims: Int32Array, open_rims: Int32Array, rim_tree: STRtree
-) -> list[Ring]:
+) -> list[PlaneLoop]:
     """Return the loops of the outline, outer ones first, the largest one before all.
 
     Parameters
@@ -79,7 +79,7 @@ def find_rings(
     rings = []
     for (area, own), stop in zip(found, np.cumsum(counts), strict=True):
         span = slice(int(stop) - len(own), int(stop))
-        rings.append(Ring(own, edges[span], faces[span], is_phantom[span], area < 0))
+        rings.append(PlaneLoop(own, edges[span], faces[span], is_phantom[span], area < 0))
     return rings
 
 

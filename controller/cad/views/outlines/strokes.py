@@ -17,13 +17,13 @@ from ...boundary import Curve
 from .._model import ViewModel
 from .._project import Projection
 from .._types import Stroke
-from .outline import ROUNDED_MM, Ring
+from .outline import ROUNDED_MM, PlaneLoop
 
 STRAIGHT_MM = 1e-3  # corners this close to a line are on it
 FLATTEST = 0.02  # ratio of half axes; a flatter ellipse is drawn by its corners
 
 
-def strokes_of(model: ViewModel, view: Projection, ring: Ring) -> tuple[Stroke, ...]:
+def strokes_of(model: ViewModel, view: Projection, ring: PlaneLoop) -> tuple[Stroke, ...]:
     """Return a loop as lines and arcs in the coordinates of the view.
 
     Parameters

@@ -13,7 +13,7 @@ from controller.cell.services import (
     HeldPose,
     JudgingAhead,
     Motion,
-    PartFile,
+    PartFileWriter,
     PlanSteps,
     Recoveries,
     Views,
@@ -32,13 +32,13 @@ from controller.cell.services.trays import QUARANTINE, TRAYS
 from controller.cell.services.views.part_file import WrittenViews
 from controller.inspection import PartInspection, PartVerdict, Verdict
 from controller.planning import (
+    FaceToShowAgain,
     GiveStep,
     InArm,
     NoPlanError,
     Present,
     ReceiveStep,
     SetDown,
-    ShortFace,
 )
 from controller.stored import lines_digest
 
@@ -67,7 +67,7 @@ class InspectAction:
     motion: Motion
     record: BatchRecord
     recoveries: Recoveries
-    part_file: PartFile
+    part_file: PartFileWriter
 
     async def run(self) -> Event:
         """Learn the part's pose from the views; return the plan's next event, or that all is seen.
@@ -215,7 +215,9 @@ class InspectAction:
         if not short or found.verdict is not Verdict.INDETERMINATE or not self._may_show_more():
             return
         assert part.plan is not None
-        part.short |= {ShortFace(grasp.id, face) for grasp in part.plan.grasps for face in short}
+        part.short |= {
+            FaceToShowAgain(grasp.id, face) for grasp in part.plan.grasps for face in short
+        }
         labels = {face.face_id: face.label for face in found.ledger.faces}
         raise PartFaultError(
             PartFault.SEEN_TOO_LITTLE,

@@ -5,17 +5,18 @@ leaves the fixed gripper, the disk.
 """
 
 from .conditions import (
+    BatchWatcher,
     DiskWatcher,
     FixedGripperWatcher,
     InterlockWatcher,
     MotorSupplyWatcher,
     Report,
-    Watcher,
 )
 from .links import ArmWatcher, LoopWatcher, ModbusWatcher
 
 __all__ = [
     "ArmWatcher",
+    "BatchWatcher",
     "DiskWatcher",
     "FixedGripperWatcher",
     "InterlockWatcher",
@@ -23,5 +24,4 @@ __all__ = [
     "ModbusWatcher",
     "MotorSupplyWatcher",
     "Report",
-    "Watcher",
 ]

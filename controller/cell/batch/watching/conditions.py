@@ -33,7 +33,7 @@ class Report(Protocol):
         ...
 
 
-class Watcher(Protocol):
+class BatchWatcher(Protocol):
     """Watches something from the start of a batch to its end."""
 
     async def run(self, report: Report) -> None:

@@ -22,13 +22,13 @@ from controller.setup.layout import build_layout
 from ...devices import Devices
 from ...devices.clocks import FoundClock
 from ...devices.interlocks import check_interlocks
-from ...devices.supervision import Callers
+from ...devices.supervision import CallerPrograms
 from ...journal import rows
 from ...operator import Operator
 from ..bench import Bench
-from ..evidence import Evidence
+from ..evidence import StepEvidence
 from ..jogging import inside_limits
-from ..visit import Build, Visit, VisitOrder
+from ..visit import Build, StepVisit, VisitOrder
 from .lifting import LiftedStep, dry_scene, lift_plan
 
 SPEED: Final = 0.1  # share of the usual speed
@@ -192,11 +192,11 @@ class DrySession:
         operator: Operator,
         show: Callable[[str], None],
         build: Build = Devices.build,
-        callers: Callers | None = None,
+        callers: CallerPrograms | None = None,
     ) -> None:
         folder = order.runs_dir / order.run_id
         folder.mkdir(parents=True, exist_ok=True)
-        self._visit = Visit(
+        self._visit = StepVisit(
             VisitOrder(
                 step=DryStep(order.plans),
                 recipe=order.recipe.model_dump(mode="json", by_alias=True),
@@ -214,7 +214,7 @@ class DrySession:
             ),
             operator,
             None,
-            Evidence(folder, show),
+            StepEvidence(folder, show),
             build,
             callers,
         )

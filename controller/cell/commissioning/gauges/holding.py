@@ -7,14 +7,14 @@ import numpy as np
 
 from controller.arrays import FloatArray
 from controller.commissioning.kinematics import KinematicsError, board_pose, plate_faces
-from controller.commissioning.showing import Region
+from controller.commissioning.showing import ShowingRegion
 from controller.imaging import inverse_pose, rotation_angle
 
 from ..bench import Bench
 from ..boards import PlateInJaws
 from ..errors import StepFailedError
 
-REGION: Final = Region(550.0, 850.0)  # distance from the inspection camera [mm]
+REGION: Final = ShowingRegion(550.0, 850.0)  # distance from the inspection camera [mm]
 MARGIN_MM: Final = 25.0
 CHOICES: Final = 12  # number of places tried to show the plate at
 SEED: Final = 4

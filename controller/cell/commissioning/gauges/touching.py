@@ -43,7 +43,7 @@ MET_MM: Final = 3.0  # jaws that stop within this of the plate's thickness have 
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class JawsPlace:
     """The place of the arm's jaws about the plate, in the fixed gripper's frame.
 
     Attributes
@@ -73,10 +73,10 @@ class Place:
         T[:3, 3] = self.along_mm, self.off_mm, self.across_mm
         return T
 
-    def touching(self, along_mm: float, face: int) -> "Place":
+    def touching(self, along_mm: float, face: int) -> "JawsPlace":
         """Return the place from where a finger touches a face, 1 or -1 along y."""
         # the other finger is farther off, and the tip comes first
-        return Place(
+        return JawsPlace(
             along_mm, -face * OFF_MM, self.across_mm, -face * TILT_RAD, self.turn_rad, self.flip
         )
 
@@ -94,7 +94,7 @@ class Column:
 
     q_ready: FloatArray
     lines: tuple[FloatArray, ...]
-    touches: tuple[tuple[Place, int], ...]
+    touches: tuple[tuple[JawsPlace, int], ...]
 
 
 def plate_in_fixed(thickness_mm: float, size_mm: tuple[float, float], end_mm: float) -> Box:
@@ -143,7 +143,7 @@ def columns(layout: CellLayout, scene: Scene, end_mm: float) -> list[Column]:
     for flip in (1, -1):
         for across_mm in ACROSS_MM:
             for turn_rad in TURNS_RAD:
-                ready = Place(end_mm + AHEAD_MM, 0.0, across_mm, 0.0, turn_rad, flip)
+                ready = JawsPlace(end_mm + AHEAD_MM, 0.0, across_mm, 0.0, turn_rad, flip)
                 column = _column(layout, scene, ready)
                 if column is not None:
                     found.append(column)
@@ -151,8 +151,8 @@ def columns(layout: CellLayout, scene: Scene, end_mm: float) -> list[Column]:
     return found
 
 
-def _column(layout: CellLayout, scene: Scene, ready: Place) -> Column | None:
-    touches: list[tuple[Place, int]] = []
+def _column(layout: CellLayout, scene: Scene, ready: JawsPlace) -> Column | None:
+    touches: list[tuple[JawsPlace, int]] = []
     for number, along_mm in enumerate(ALONG_MM):
         # from one face to the other, and on along the face that was touched last
         for face in (1, -1) if number % 2 == 0 else (-1, 1):
@@ -173,13 +173,13 @@ def _column(layout: CellLayout, scene: Scene, ready: Place) -> Column | None:
     return None
 
 
-def _line(begin: Place, end: Place) -> list[Place]:
+def _line(begin: JawsPlace, end: JawsPlace) -> list[JawsPlace]:
     way = np.array(
         [end.along_mm - begin.along_mm, end.off_mm - begin.off_mm, end.across_mm - begin.across_mm]
     )
     count = max(2, int(np.ceil(np.linalg.norm(way) / STEP_MM)) + 1)
     return [
-        Place(
+        JawsPlace(
             begin.along_mm + share * way[0],
             begin.off_mm + share * way[1],
             begin.across_mm + share * way[2],
@@ -258,7 +258,7 @@ class Fingers:
         for q in fewest_waypoints(self._bench.layout, line)[1:]:
             await self._bench.motion.follow((q,), first_speed=SLOW)
 
-    async def _touch(self, name: str, place: Place, face: int) -> Touch | None:
+    async def _touch(self, name: str, place: JawsPlace, face: int) -> Touch | None:
         bench = self._bench
         await bench.motion.ring_down()
         T_world_tcp = tcp_pose(bench.layout, (await bench.arm.read_q())[None])[0]

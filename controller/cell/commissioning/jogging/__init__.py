@@ -13,20 +13,20 @@ from .goals import (
     shifted,
     turned,
 )
-from .jogger import Jogger, Reading
+from .jogger import ArmReading, Jogger
 from .orders import GRAMMAR, JogOrder, Verb, WrongOrderError, read_order
-from .session import JogOrders, JogSession, Pilot, Taken
+from .session import JogOrders, JogSession, Pilot, TakenOver
 
 __all__ = [
     "GRAMMAR",
+    "ArmReading",
     "JogOrder",
     "JogOrders",
     "JogSession",
     "Jogger",
     "Pilot",
-    "Reading",
     "RefusedMotionError",
-    "Taken",
+    "TakenOver",
     "Verb",
     "WrongOrderError",
     "clearance_mm",

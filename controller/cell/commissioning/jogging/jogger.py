@@ -46,7 +46,7 @@ AT_GOAL_MM: Final = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reading:
+class ArmReading:
     """The arm's state.
 
     Attributes
@@ -126,7 +126,7 @@ class Jogger:
         self._is_slide = slides(bench.layout.arm)
         self._goal: tuple[FloatArray, FloatArray] | None = None
 
-    async def read(self) -> Reading:
+    async def read(self) -> ArmReading:
         """Return the arm's present state; nothing moves.
 
         Raises
@@ -139,7 +139,7 @@ class Jogger:
         # the driver itself: a proxy that counts verbs has their names, but is no such arm
         arm = bench.devices.arm
         step_mm, step_deg = STEPS[self._step]
-        return Reading(
+        return ArmReading(
             q=q,
             T_world_tcp=None if q is None else tcp_pose(bench.layout, q),
             is_slide=self._is_slide,

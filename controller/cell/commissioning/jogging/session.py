@@ -25,10 +25,10 @@ from ...devices.clocks import FoundClock
 from ...errors import CellError, InterlockError, NoPermitError
 from ...operator import Operator
 from ..bench import Bench
-from ..evidence import Evidence
-from ..visit import Build, Visit, VisitOrder
+from ..evidence import StepEvidence
+from ..visit import Build, StepVisit, VisitOrder
 from .goals import RefusedMotionError
-from .jogger import Jogger, Reading
+from .jogger import ArmReading, Jogger
 from .orders import JogOrder, Verb, WrongOrderError, read_order
 
 Result = TypeVar("Result")
@@ -55,7 +55,7 @@ class Pilot(Operator, Protocol):
         """Return once the motion is to halt; awaited while an order is carried out."""
         ...
 
-    def show(self, reading: Reading) -> None:
+    def show(self, reading: ArmReading) -> None:
         """Take the arm's state."""
         ...
 
@@ -69,7 +69,7 @@ class Pilot(Operator, Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Taken:
+class TakenOver:
     """The arm's position when the pilot took it.
 
     Attributes
@@ -103,10 +103,10 @@ class JogStep:
     makes: tuple[CalibrationName, ...] = ()
     valid_days: int | None = None
 
-    def __init__(self, pilot: Pilot, accept: Callable[[Taken], str] | None) -> None:
+    def __init__(self, pilot: Pilot, accept: Callable[[TakenOver], str] | None) -> None:
         self._pilot = pilot
         self._accept = accept
-        self.taken: Taken | None = None
+        self.taken: TakenOver | None = None
 
     async def run(self, bench: Bench) -> Mapping[CalibrationName, Calibration]:
         """Carry out orders; return no calibration.
@@ -184,7 +184,7 @@ class JogStep:
         reading = await jogger.read()
         if reading.q is None or reading.T_world_tcp is None:
             raise RefusedMotionError("the arm is not homed: its position is invalid")
-        taken = Taken(reading.q, reading.T_world_tcp)
+        taken = TakenOver(reading.q, reading.T_world_tcp)
         if why := self._accept(taken):
             raise RefusedMotionError(why)
         self.taken = taken
@@ -232,13 +232,13 @@ class JogSession:
         self,
         orders: JogOrders,
         pilot: Pilot,
-        accept: Callable[[Taken], str] | None = None,
+        accept: Callable[[TakenOver], str] | None = None,
         build: Build = Devices.build,
     ) -> None:
         self._step = JogStep(pilot, accept)
         now = datetime.now(UTC)
         run_id = f"{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}-{orders.recipe}"
-        self._visit = Visit(
+        self._visit = StepVisit(
             VisitOrder(
                 step=self._step,
                 recipe={"name": orders.recipe},
@@ -253,12 +253,12 @@ class JogSession:
             ),
             pilot,
             None,
-            Evidence(orders.folder / run_id, lambda text: None),
+            StepEvidence(orders.folder / run_id, lambda text: None),
             build,
         )
 
     @property
-    def taken(self) -> Taken | None:
+    def taken(self) -> TakenOver | None:
         """The arm's position at the order `take`; None without one."""
         return self._step.taken
 

@@ -1,12 +1,12 @@
 """The trials of a verification with the plate: a hand-off there and back, and its known lengths."""
 
-from .hand_off import HandOff, hand_off_and_back
+from .hand_off import ProvenHandOff, hand_off_and_back
 from .lengths import LengthStudy, length_study
 from .recipes import ReachedPose, RecipeReach, check_reach
 
 __all__ = [
-    "HandOff",
     "LengthStudy",
+    "ProvenHandOff",
     "ReachedPose",
     "RecipeReach",
     "check_reach",

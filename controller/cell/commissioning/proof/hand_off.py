@@ -39,7 +39,7 @@ OFF_MM: Final = 3.0  # largest difference of the fixed jaws' opening from the pl
 
 
 @dataclass(frozen=True, slots=True)
-class HandOff:
+class ProvenHandOff:
     """The plate's pose in the arm gripper after a hand-off there and back.
 
     Attributes
@@ -57,7 +57,7 @@ async def hand_off_and_back(
     held: PlateInJaws,
     views: Sequence[FloatArray],
     pose_in_jaws: Callable[[BoardPicture], FloatArray],
-) -> HandOff:
+) -> ProvenHandOff:
     """Hand the plate to the fixed gripper and back; return its pose in the jaws afterwards.
 
     Parameters
@@ -95,7 +95,7 @@ async def hand_off_and_back(
     await bench.motion.follow(tuple(reversed(line[:-1])))
     after, _ = await _shown(held, (view,), "after_hand_off")
     T_before, T_after = pose_in_jaws(before), pose_in_jaws(after)
-    return HandOff(
+    return ProvenHandOff(
         float(np.linalg.norm(T_after[:3, 3] - T_before[:3, 3])),
         degrees(rotation_angle(T_before[:3, :3].T @ T_after[:3, :3])),
     )

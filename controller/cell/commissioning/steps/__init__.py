@@ -9,12 +9,12 @@ from .devices import DevicesStep
 from .grippers import GrippersStep
 from .light import LightStep
 from .reach import ReachStep
-from .step import Step
+from .step import CommissioningStep
 from .trays import TraysStep
 from .verify import VerifyStep
 
 # Each after those that it needs.
-STEPS: Final[tuple[Step, ...]] = (
+STEPS: Final[tuple[CommissioningStep, ...]] = (
     DevicesStep(),
     LightStep(),
     ArmStep(),
@@ -30,4 +30,4 @@ def step_plans() -> tuple[StepPlan, ...]:
     return tuple(StepPlan(step.name, step.needs, step.valid_days) for step in STEPS)
 
 
-__all__ = ["STEPS", "Step", "step_plans"]
+__all__ = ["STEPS", "CommissioningStep", "step_plans"]

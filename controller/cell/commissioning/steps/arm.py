@@ -19,15 +19,15 @@ from controller.commissioning.grippers import FingersError, TcpFit
 from controller.commissioning.kinematics import (
     BoardPicture,
     CameraPrior,
-    Candidate,
     CellFit,
     CellPrior,
-    Face,
     FaultLimits,
-    Grasp,
     KinematicsError,
     Placing,
+    PlateGrasp,
     Play,
+    PoseCandidate,
+    PrintedPattern,
     StopPicture,
     aim_uncertainty_mm,
     base_std,
@@ -39,7 +39,7 @@ from controller.commissioning.kinematics import (
     plate_faces,
     tcp_uncertainty,
 )
-from controller.commissioning.showing import Region
+from controller.commissioning.showing import ShowingRegion
 from controller.commissioning.target import BoardSection, load_board
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import (
@@ -68,9 +68,9 @@ from ..errors import StepFailedError
 from ..fingers import look_at_the_fingers
 
 CAMERAS: Final[tuple[CameraName, ...]] = ("overhead", "inspection")
-REGIONS: Final[Mapping[CameraName, Region]] = {
-    "overhead": Region(620.0, 1150.0),
-    "inspection": Region(450.0, 950.0),
+REGIONS: Final[Mapping[CameraName, ShowingRegion]] = {
+    "overhead": ShowingRegion(620.0, 1150.0),
+    "inspection": ShowingRegion(450.0, 950.0),
 }
 CANDIDATES: Final = 150  # number for each camera and face
 PICTURES: Final = 44
@@ -248,9 +248,9 @@ def _prior(
     cameras = {"overhead": layout.overhead, "inspection": layout.inspection}
     return CellPrior(
         cameras={name: CameraPrior.within(camera) for name, camera in cameras.items()},
-        faces={"flat": Face(), "front": front, "back": back},
+        faces={"flat": PrintedPattern(), "front": front, "back": back},
         placings=placings,
-        grasps={"plate": Grasp(plate.T_tcp_body, clamped_std())},
+        grasps={"plate": PlateGrasp(plate.T_tcp_body, clamped_std())},
         arm=arm.figures,
         T_world_arm=layout.T_world_arm,
         base_std=base_std(),
@@ -295,9 +295,9 @@ async def _in_the_jaws(
 
 def _configurations(
     bench: Bench, prior: CellPrior, held: PlateInJaws, lying: Sequence[BoardPicture]
-) -> list[Candidate]:
+) -> list[PoseCandidate]:
     rng, corners = np.random.default_rng(1), held.plate.corners_mm
-    candidates: list[Candidate] = []
+    candidates: list[PoseCandidate] = []
     for name in CAMERAS:
         for face in FACES:
             q = held.configurations(
@@ -309,7 +309,7 @@ def _configurations(
                 margin_mm=MARGIN_MM,
             )
             within = [row for row in q if held.within_reach(row)]
-            candidates += [Candidate(name, face, "plate", row) for row in within]
+            candidates += [PoseCandidate(name, face, "plate", row) for row in within]
     choice = choose(prior, candidates, dict.fromkeys(FACES, corners), PICTURES, on_table=lying)
     if len(choice.indices) < PICTURES // 2:
         raise StepFailedError(
@@ -319,7 +319,7 @@ def _configurations(
     return [candidates[i] for i in choice.indices]
 
 
-def _in_order(bench: Bench, chosen: Sequence[Candidate]) -> list[Candidate]:
+def _in_order(bench: Bench, chosen: Sequence[PoseCandidate]) -> list[PoseCandidate]:
     """Return configurations so that each is near the one before."""
     left, at, ordered = list(chosen), bench.layout.park_q, []
     while left:

@@ -57,14 +57,14 @@ MAX_AGAIN_MM: Final = 0.4
 
 
 @dataclass(frozen=True, slots=True)
-class Openings:
+class OpeningFit:
     """A true opening as a function of its reading: ``zero + scale * reading``."""
 
     zero_mm: float
     scale: float
 
     @classmethod
-    def of(cls, thickness_mm: Sequence[float], reading_mm: Sequence[float]) -> "Openings":
+    def of(cls, thickness_mm: Sequence[float], reading_mm: Sequence[float]) -> "OpeningFit":
         """Return the opening scale and zero that follow from two gauges and their readings.
 
         Raises
@@ -140,7 +140,7 @@ async def _arm_openings(bench: Bench, gauges: Sequence[_Gauge]) -> None:
             low=-ARM_OFF_MM,
             high=ARM_OFF_MM,
         )
-    _measure(bench, "arm gripper", Openings.of([one.board.thickness_mm for one in gauges], read))
+    _measure(bench, "arm gripper", OpeningFit.of([one.board.thickness_mm for one in gauges], read))
 
 
 async def _hold(bench: Bench, plate: _Gauge) -> None:
@@ -154,17 +154,17 @@ async def _hold(bench: Bench, plate: _Gauge) -> None:
     await held.give_back()
 
 
-async def _fixed_openings(bench: Bench, gauges: Sequence[_Gauge]) -> Openings:
+async def _fixed_openings(bench: Bench, gauges: Sequence[_Gauge]) -> OpeningFit:
     read = []
     for seed, one in enumerate(gauges, 4):
         read.append(await take_in_fixed(bench, one.board, one.file, seed, PLATE_FORCE_N))
         await give_back_from_fixed(bench, one.file)
-    found = Openings.of([one.board.thickness_mm for one in gauges], read)
+    found = OpeningFit.of([one.board.thickness_mm for one in gauges], read)
     _measure(bench, "fixed gripper", found)
     return found
 
 
-def _measure(bench: Bench, which: str, found: Openings) -> None:
+def _measure(bench: Bench, which: str, found: OpeningFit) -> None:
     bench.evidence.measure(
         f"{which}: true opening at reading 0", found.zero_mm, "mm", low=-ZERO_MM, high=ZERO_MM
     )
@@ -175,7 +175,7 @@ def _measure(bench: Bench, which: str, found: Openings) -> None:
 
 # ---- touches -------------------------------------------------------------------------------------
 async def _touched(
-    bench: Bench, plate: _Gauge, openings: Openings
+    bench: Bench, plate: _Gauge, openings: OpeningFit
 ) -> tuple[FixedGripperFit, float]:
     """Return the fixed gripper as touched, and the distance of a repeated touch from the first."""
     board = plate.board
@@ -250,7 +250,7 @@ def _noise(bench: Bench) -> TouchNoise:
 
 # ---- what was found ------------------------------------------------------------------------------
 def _calibration(
-    bench: Bench, fit: FixedGripperFit, openings: Openings, off_mm: float
+    bench: Bench, fit: FixedGripperFit, openings: OpeningFit, off_mm: float
 ) -> FixedGripperCalibration:
     evidence = bench.evidence
     d = np.linalg.inv(bench.layout.T_world_fixed_tcp) @ fit.T_world_tcp

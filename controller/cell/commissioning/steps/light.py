@@ -14,8 +14,8 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.commissioning.lamps import (
     Assignment,
-    Light,
-    Surface,
+    CameraBackground,
+    PatternLamp,
     TooFewSamplesError,
     assign,
     evenness,
@@ -109,7 +109,7 @@ async def _shoot(bench: Bench, camera: CameraName, lamps: Mapping[str, float]) -
 
 
 # ---- which is which --------------------------------------------------------------------------
-def lights_of(cell: Cell) -> tuple[Light, ...]:
+def lights_of(cell: Cell) -> tuple[PatternLamp, ...]:
     """Return all lamps of a cell, as their patterns are expected."""
     lights = []
     for name in cell.lamps:
@@ -117,11 +117,11 @@ def lights_of(cell: Cell) -> tuple[Light, ...]:
         is_panel = light.kind == "panel"
         axis = np.array(light.normal, dtype=float) if light.kind == "ring" else None
         points = np.empty((0, 3)) if is_panel else build_lamps(cell, [name])[0].points_mm
-        lights.append(Light(name, points, GLOWS_IN.get(name, "") if is_panel else "", axis))
+        lights.append(PatternLamp(name, points, GLOWS_IN.get(name, "") if is_panel else "", axis))
     return tuple(lights)
 
 
-def surfaces_of(cell: Cell) -> tuple[Surface, ...]:
+def surfaces_of(cell: Cell) -> tuple[CameraBackground, ...]:
     """Return the background surface of each camera: the table, and the station's panel.
 
     Raises
@@ -132,10 +132,10 @@ def surfaces_of(cell: Cell) -> tuple[Surface, ...]:
     if panel.normal is None:
         raise ValueError(f"{STATION_PANEL} has no normal")
     return (
-        Surface(
+        CameraBackground(
             "overhead", build_camera(cell.cameras.overhead), np.zeros(3), np.array([0.0, 0.0, 1.0])
         ),
-        Surface(
+        CameraBackground(
             "inspection",
             build_camera(cell.cameras.inspection),
             np.array(panel.centre, dtype=float),

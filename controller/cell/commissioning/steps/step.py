@@ -9,7 +9,7 @@ from controller.config.calibrations import Calibration
 from ..bench import Bench
 
 
-class Step(Protocol):
+class CommissioningStep(Protocol):
     """One step: its requirements and its action.
 
     Attributes

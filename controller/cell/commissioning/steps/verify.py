@@ -18,10 +18,10 @@ from controller.commissioning.kinematics import (
     board_pose,
     plate_faces,
 )
-from controller.commissioning.showing import Region
+from controller.commissioning.showing import ShowingRegion
 from controller.commissioning.target import BoardSection
 from controller.config.calibration_reference import CalibrationName
-from controller.config.calibrations import Calibration, Figure, VerificationRecord
+from controller.config.calibrations import Calibration, VerificationRecord, VerifiedFigure
 from controller.imaging import Camera, inverse_pose, rotation_angle
 from controller.planning.motion import tcp_pose
 
@@ -35,9 +35,9 @@ from ..proof import hand_off_and_back, length_study
 LOOKS: Final = 13  # per camera
 LOOKS_MIN: Final = 8
 # regions of the plate for parts: as low over the table as it goes, and about the station
-REGIONS: Final[Mapping[CameraName, Region]] = {
-    "overhead": Region(900.0, 1150.0),
-    "inspection": Region(550.0, 850.0),
+REGIONS: Final[Mapping[CameraName, ShowingRegion]] = {
+    "overhead": ShowingRegion(900.0, 1150.0),
+    "inspection": ShowingRegion(550.0, 850.0),
 }
 WHAT: Final[Mapping[CameraName, str]] = {"overhead": "pick", "inspection": "view"}
 LIMIT_MM: Final = 0.5
@@ -95,14 +95,16 @@ class VerifyStep:
                 await held.give_back()
             raise
         await held.give_back()
-        figures: dict[str, Figure] = {}
+        figures: dict[str, VerifiedFigure] = {}
 
         def judge(name: str, values: FloatArray, unit: Literal["mm", "deg"], limit: float) -> None:
             value = float(np.percentile(values, 95))
             what = name if len(values) == 1 else f"{name}, of 95 % of {len(values)} looks"
             bench.evidence.measure(what, value, unit, high=limit)
             count = len(values)
-            figures[name] = Figure(value=round(value, 4), limit=limit, unit=unit, count=count)
+            figures[name] = VerifiedFigure(
+                value=round(value, 4), limit=limit, unit=unit, count=count
+            )
 
         for camera, off in plate_offs(bench, plate, pictures).items():
             judge(f"{WHAT[camera]} position", off[:, 0], "mm", LIMIT_MM)

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from controller.cell.batch import CellStatus, Dispatcher
 from controller.cell.custody import Custody
 from controller.cell.devices.lock import Holder
-from controller.cell.machine import PAUSE_EVENTS, Decision, Event, PauseKind
+from controller.cell.machine import PAUSE_EVENTS, Event, MachineDecision, PauseKind
 from controller.cell.operator import Answer, Desk
 from controller.cell.services import NextMotion
 
@@ -275,7 +275,7 @@ def _holder(holder: Holder) -> words.HolderReply:
     )
 
 
-def _decided(decision: Decision) -> Reply:
+def _decided(decision: MachineDecision) -> Reply:
     reply = words.DecisionReply(
         decision=decision.answer, state=decision.target, reason=decision.reason
     )

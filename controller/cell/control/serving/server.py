@@ -19,7 +19,7 @@ from typing import Any, Final
 
 import h11
 
-from controller.cell.devices.supervision import Callers
+from controller.cell.devices.supervision import CallerPrograms
 
 from ..peer import Peer, peer_of
 from ..place import ControlError
@@ -63,7 +63,7 @@ def error_body(why: str) -> bytes:
 @asynccontextmanager
 async def serving(
     path: Path, handle: Handle, stops: tuple[bytes, ...] = ()
-) -> AsyncIterator[Callers]:
+) -> AsyncIterator[CallerPrograms]:
     """Serve requests on a unix socket while the block runs; yield its callers for a supervisor.
 
     Parameters
@@ -86,7 +86,7 @@ async def serving(
         ) from error
     server = await asyncio.start_unix_server(door.on_connection, sock=listening)
     try:
-        yield Callers(listening, stops, door.take)
+        yield CallerPrograms(listening, stops, door.take)
     finally:
         server.close()
         await door.aclose()

@@ -12,7 +12,7 @@ from drivers.kinds import IoBlock, Signal
 
 from ...errors import InterlockError
 from .logic import Truth
-from .rules import BUILT_IN_RULES, REQUIRED_SIGNALS, Check, Facts, Rule, first_violation
+from .rules import BUILT_IN_RULES, REQUIRED_SIGNALS, CheckTime, Facts, Rule, first_violation
 
 FIRST_READINGS_S: Final = 1.0  # longest time for two readings of an input [cell s]
 
@@ -55,6 +55,8 @@ def check_interlocks(
         "moves_arm": Truth.FALSE,
         "person_inside": Truth.of(is_person_inside),
     }
-    violation = first_violation(rules, Check.RECOVER if is_person_inside else Check.DURING, facts)
+    violation = first_violation(
+        rules, CheckTime.RECOVER if is_person_inside else CheckTime.DURING, facts
+    )
     if violation is not None:
         raise InterlockError(violation.message, violation.code, holds=violation.rule.holds)

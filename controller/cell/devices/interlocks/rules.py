@@ -14,7 +14,7 @@ Facts = Mapping[str, Truth]
 GUARD: Final = "guard_closed"
 
 
-class Check(StrEnum):
+class CheckTime(StrEnum):
     """The time at which a rule is checked."""
 
     ADMIT = "admit"
@@ -43,7 +43,7 @@ class Rule:
     name: str
     when: Condition
     require: Condition
-    checks: frozenset[Check]
+    checks: frozenset[CheckTime]
     words: str
     code: str
     admits_unknown: bool = False
@@ -93,7 +93,7 @@ def _rule(
     words: str,
     *,
     when: str = "always",
-    checks: Iterable[Check] = Check,
+    checks: Iterable[CheckTime] = CheckTime,
     holds: bool = False,
 ) -> Rule:
     return Rule(
@@ -120,14 +120,14 @@ BUILT_IN_RULES: Final = (
         "fixed_gripper_free | custody_in_fixed | custody_in_both | custody_lost",
         "the fixed gripper is closed on something other than the part; check what it holds",
         when="moves_arm & near_hand_off",
-        checks=(Check.ADMIT,),
+        checks=(CheckTime.ADMIT,),
     ),
 )
 # What to do about each safety copy that every motion requires.
 REQUIRED_SIGNALS: Final[Mapping[str, str]] = {
     name: rule.words
     for rule in BUILT_IN_RULES
-    if Check.DURING in rule.checks
+    if CheckTime.DURING in rule.checks
     for name in rule.require.names()
 }
 
@@ -139,7 +139,7 @@ def rules_of(sections: Mapping[str, InterlockRuleSection]) -> tuple[Rule, ...]:
             name=name,
             when=read_condition(section.when, FACTS),
             require=read_condition(section.require, FACTS),
-            checks=frozenset(map(Check, section.check)),
+            checks=frozenset(map(CheckTime, section.check)),
             words=section.words,
             code="interlock",
             admits_unknown=section.on_unknown == "admit",
@@ -150,7 +150,7 @@ def rules_of(sections: Mapping[str, InterlockRuleSection]) -> tuple[Rule, ...]:
     return (*BUILT_IN_RULES, *own)
 
 
-def first_violation(rules: Iterable[Rule], check: Check, facts: Facts) -> Violation | None:
+def first_violation(rules: Iterable[Rule], check: CheckTime, facts: Facts) -> Violation | None:
     """Return the first rule that does not hold; None if all do.
 
     Parameters

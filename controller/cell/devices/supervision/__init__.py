@@ -1,5 +1,5 @@
 """The supervisor of a run, from the controller's side: heartbeat, orders, reports."""
 
-from .supervised import Callers, Supervised
+from .supervised import CallerPrograms, Supervised
 
-__all__ = ["Callers", "Supervised"]
+__all__ = ["CallerPrograms", "Supervised"]

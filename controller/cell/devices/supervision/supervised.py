@@ -30,7 +30,7 @@ PACKET_BYTES: Final = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
-class Callers:
+class CallerPrograms:
     """People's programs, which the supervisor hears while the event loop is late.
 
     Attributes
@@ -70,7 +70,7 @@ class Supervised:
         clock_path: str,
         may_move: Callable[[], bool],
         on_stopped: Callable[[str], None],
-        callers: Callers | None = None,
+        callers: CallerPrograms | None = None,
     ) -> None:
         self._devices = devices
         self._clock = clock

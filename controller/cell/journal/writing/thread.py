@@ -25,7 +25,7 @@ PATIENCE_WALL_S: Final = BUSY_WALL_S + 2.0
 
 
 @dataclass(slots=True, eq=False)
-class Entry:
+class PendingRow:
     """A row on its way to the file.
 
     Attributes
@@ -73,7 +73,7 @@ class WriterThread:
     def __init__(
         self,
         path: Path,
-        write: Callable[[Entry], int],
+        write: Callable[[PendingRow], int],
         close: Callable[[], None],
         on_failure: Callable[[JournalError], None],
     ) -> None:
@@ -82,8 +82,8 @@ class WriterThread:
         self._close = close
         self._on_failure = on_failure
         self._lock = threading.Lock()
-        self._left: deque[Entry] = deque()  # put in and not in the file, in their order
-        self._queue: queue.SimpleQueue[Entry | None] = queue.SimpleQueue()
+        self._left: deque[PendingRow] = deque()  # put in and not in the file, in their order
+        self._queue: queue.SimpleQueue[PendingRow | None] = queue.SimpleQueue()
         self._may_write = threading.Event()
         self._may_write.set()
         self._failure: JournalError | None = None
@@ -92,7 +92,7 @@ class WriterThread:
         self._thread = threading.Thread(target=self._run, daemon=True, name="journal")
         self._thread.start()
 
-    def put(self, entry: Entry) -> None:
+    def put(self, entry: PendingRow) -> None:
         """Have an entry written after those before it.
 
         Raises
@@ -112,7 +112,7 @@ class WriterThread:
         if failure is not None:
             raise failure
 
-    def wait(self, entry: Entry) -> int:
+    def wait(self, entry: PendingRow) -> int:
         """Return the number of an entry once it is in the file.
 
         Raises
@@ -158,7 +158,7 @@ class WriterThread:
                 self._forget(self._left[0])
         self._close()
 
-    def _try(self, entry: Entry) -> None:
+    def _try(self, entry: PendingRow) -> None:
         try:
             number = self._write(entry)
         except Exception as error:  # noqa: BLE001  whatever it is, nothing is recorded any more
@@ -176,14 +176,14 @@ class WriterThread:
             self._forget(entry)
             entry.done.set_result(number)
 
-    def _refuse(self, entry: Entry, failure: JournalError) -> None:
+    def _refuse(self, entry: PendingRow, failure: JournalError) -> None:
         """Report the failure to the waiter of an entry; keep the entry unless it is an intent."""
         if entry.is_refusable:
             self._forget(entry)
         if entry.done.set_running_or_notify_cancel():
             entry.done.set_exception(failure)
 
-    def _forget(self, entry: Entry) -> None:
+    def _forget(self, entry: PendingRow) -> None:
         with self._lock, suppress(ValueError):
             self._left.remove(entry)
 

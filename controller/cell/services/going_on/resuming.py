@@ -16,7 +16,7 @@ from controller.inspection import PartVerdict, Verdict
 from controller.recognition import Alternative, Sighting
 
 from ..motion import Motion
-from ..records import BatchRecord, PartInGripper, PartRecord, Product, grasp_of
+from ..records import BatchProduct, BatchRecord, PartInGripper, PartRecord, grasp_of
 from ..table import Labels
 from ..views import StoredViews
 
@@ -40,9 +40,9 @@ class Resumption:
     labels: Labels = field(default_factory=Labels)
     accepted: Proposal | None = None
     source: Path = Path()
-    product: Product | None = None
+    product: BatchProduct | None = None
 
-    def accept(self, proposal: Proposal, source: Path, product: Product) -> None:
+    def accept(self, proposal: Proposal, source: Path, product: BatchProduct) -> None:
         """Begin with the part of an interrupted run.
 
         Parameters

@@ -17,18 +17,18 @@ from .describe import (
 )
 from .holds import grasp_of, matrix
 from .part import AboveTray, PartInGripper, PartRecord, Shown, merged
-from .product import INPUTS, RECIPE_COPY, Product, inputs_of
-from .progress import Progress
+from .product import INPUTS, RECIPE_COPY, BatchProduct, inputs_of
+from .progress import RunProgress
 
 __all__ = [
     "INPUTS",
     "RECIPE_COPY",
     "AboveTray",
+    "BatchProduct",
     "BatchRecord",
     "PartInGripper",
     "PartRecord",
-    "Product",
-    "Progress",
+    "RunProgress",
     "Shown",
     "findings_row",
     "grasp_of",

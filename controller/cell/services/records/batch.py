@@ -16,8 +16,8 @@ from controller.planning import Grasp
 
 from .holds import arm_hold_row, fixed_hold_row, matrix
 from .part import PartInGripper, PartRecord
-from .product import Product
-from .progress import Progress
+from .product import BatchProduct
+from .progress import RunProgress
 
 UNLIMITED = 1_000_000
 
@@ -36,10 +36,10 @@ class BatchRecord:
     def __init__(
         self,
         journal: Journal,
-        progress: Progress,
+        progress: RunProgress,
         on_progress: Callable[[], None],
         trays: TrayRecord | None = None,
-        products: Sequence[Product] = (),
+        products: Sequence[BatchProduct] = (),
     ) -> None:
         self.trays = trays or TrayRecord()
         self.products = tuple(products)
@@ -55,7 +55,7 @@ class BatchRecord:
         self.problem: tuple[str, str] = ("", "")
 
     @property
-    def progress(self) -> Progress:
+    def progress(self) -> RunProgress:
         """The operator's view of the run."""
         return self._progress
 
@@ -71,7 +71,7 @@ class BatchRecord:
         return (*self._finished, *([self.part] if is_begun else []))
 
     @property
-    def product(self) -> Product:
+    def product(self) -> BatchProduct:
         """The product of the current part; the first one until it was recognised.
 
         Raises
@@ -85,12 +85,12 @@ class BatchRecord:
         return self.products[0]
 
     @property
-    def wanted(self) -> tuple[Product, ...]:
+    def wanted(self) -> tuple[BatchProduct, ...]:
         """The products with parts still to inspect."""
         return tuple(one for one in self.products if self._left[one.number] > 0)
 
     @property
-    def wanted_next(self) -> tuple[Product, ...]:
+    def wanted_next(self) -> tuple[BatchProduct, ...]:
         """The products with parts still to inspect once the current part is done."""
         at_hand = self.part.product
         return tuple(one for one in self.products if self._left[one.number] > (one is at_hand))
@@ -133,7 +133,7 @@ class BatchRecord:
         """Count a part of a product, by its number, that an earlier run has done."""
         self._left[number] -= 1
 
-    def identify_part(self, product: Product, serial: str = "", lot: str = "") -> None:
+    def identify_part(self, product: BatchProduct, serial: str = "", lot: str = "") -> None:
         """Set the product of the current part, and journal it if that is new.
 
         Parameters
@@ -258,7 +258,7 @@ class BatchRecord:
         self.show(f"{recovery.reason}; {words}", remaining_s=None)
 
     def show(self, label: str, **more: object) -> None:
-        """Display the cell's present action; ``more`` are fields of `Progress`."""
+        """Display the cell's present action; ``more`` are fields of `RunProgress`."""
         self._progress.label = label
         self._progress.custody = self.part.custody
         for name, value in more.items():

@@ -12,10 +12,10 @@ from controller.cell.compute import Located
 from controller.cell.custody import Custody
 from controller.cell.journal.rows import SightingFields
 from controller.cell.machine import Recovery
-from controller.planning import Grasp, Look, Plan, Present, ShortFace
+from controller.planning import FaceToShowAgain, Grasp, Look, Plan, Present
 from controller.recognition import Alternative, Sighting
 
-from .product import Product
+from .product import BatchProduct
 
 
 @dataclass(slots=True, eq=False)
@@ -121,7 +121,7 @@ class PartRecord:
     """
 
     number: int
-    product: Product | None = None
+    product: BatchProduct | None = None
     serial: str = ""
     lot: str = ""
     scanned: str = ""
@@ -149,7 +149,7 @@ class PartRecord:
     planned: dict[str, BoolArray] = field(default_factory=dict)
     recoveries: list[Recovery] = field(default_factory=list)
     avoid: set[str] = field(default_factory=set)
-    short: frozenset[ShortFace] = frozenset()
+    short: frozenset[FaceToShowAgain] = frozenset()
     above_tray: AboveTray | None = None
     parked: Recovery | None = None
     verdict: inspecting.PartVerdict | None = None

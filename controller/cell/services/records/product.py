@@ -24,7 +24,7 @@ def inputs_of(number: int) -> Path:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Product:
+class BatchProduct:
     """One product of the batch.
 
     Attributes

@@ -7,7 +7,7 @@ from controller.cell.devices.clocks import Speed
 
 
 @dataclass(slots=True)
-class Progress:
+class RunProgress:
     """The operator's view of the run at a moment."""
 
     state: str = "stopped"

@@ -6,7 +6,7 @@ planned beside the current one.
 """
 
 from .ahead import Foreseen, LookAhead
-from .choosing import LeftAlone, Wanted, candidates, chosen, where
+from .choosing import LeftAlone, WantedParts, candidates, chosen, where
 from .labels import NO_NUMBERS, SCAN, Label, LabelOrder, Labels, counted, parted, why_no_serial
 from .preparation import Preparation
 from .taking import Taking
@@ -22,7 +22,7 @@ __all__ = [
     "LookAhead",
     "Preparation",
     "Taking",
-    "Wanted",
+    "WantedParts",
     "candidates",
     "chosen",
     "counted",

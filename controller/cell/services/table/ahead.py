@@ -16,7 +16,7 @@ from controller.cell.compute import OneTask
 from controller.cell.custody import Around
 from controller.cell.errors import CellError
 from controller.cell.journal.rows import PlanDropped, SightingFields, StoredFields
-from controller.cell.services.records import BatchRecord, Product, matrix
+from controller.cell.services.records import BatchProduct, BatchRecord, matrix
 from controller.cell.services.trays import TRAYS
 from controller.inspection import Verdict
 from controller.planning import OnTable, Plan
@@ -36,7 +36,7 @@ Seen = tuple[SightingFields, ...]
 # [deg] that nobody can see, 0 first; None where no turn shows
 Turns = tuple[float, ...] | None
 # returns which of some objects is next, and of which product; None where nobody can know yet
-Choose = Callable[[Seen], Awaitable[tuple[int, Product] | None]]
+Choose = Callable[[Seen], Awaitable[tuple[int, BatchProduct] | None]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Foreseen:
     plan : from there
     """
 
-    product: Product
+    product: BatchProduct
     one: SightingFields
     around: Around
     turns_deg: tuple[Turns, ...]

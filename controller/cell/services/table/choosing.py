@@ -21,7 +21,7 @@ FREE_STEP: Final = 0.05  # share of an outline; a smaller difference counts as e
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class WantedParts:
     """The parts looked for on the table.
 
     Attributes
@@ -69,7 +69,7 @@ class LeftAlone:
 
 
 def candidates(
-    seen: Sequence[SightingFields], wanted: Wanted, left: Sequence[LeftAlone] = ()
+    seen: Sequence[SightingFields], wanted: WantedParts, left: Sequence[LeftAlone] = ()
 ) -> tuple[int, ...]:
     """Return the numbers of the objects that may be the part, none of them if it is not there.
 
@@ -122,7 +122,7 @@ def _not_left(
 
 
 def _alone(
-    seen: Sequence[SightingFields], found: tuple[int, ...], wanted: Wanted
+    seen: Sequence[SightingFields], found: tuple[int, ...], wanted: WantedParts
 ) -> tuple[int, ...]:
     """Return the one part whose number was read; it must be the only one of the batch."""
     of_batch = [k for k, one in enumerate(seen) if one.part in wanted.batch]
@@ -137,7 +137,7 @@ def _alone(
 
 
 def _in_order(
-    seen: Sequence[SightingFields], found: tuple[int, ...], wanted: Wanted
+    seen: Sequence[SightingFields], found: tuple[int, ...], wanted: WantedParts
 ) -> tuple[int, ...]:
     """Return the parts without those of a numbered name that lies on the table more than once."""
     doubtful = [
@@ -243,7 +243,7 @@ def apart_deg(one_deg: float, other_deg: float) -> float:
     return abs((one_deg - other_deg + 180) % 360 - 180)
 
 
-def _none_of_them(seen: Sequence[SightingFields], wanted: Wanted) -> PartProblemError:
+def _none_of_them(seen: Sequence[SightingFields], wanted: WantedParts) -> PartProblemError:
     """Return the reason why none of some objects is taken."""
     name = wanted.words
     if len(seen) > 1:

@@ -11,7 +11,7 @@ from typing import Final
 
 from controller.cell.errors import PartProblemError
 from controller.cell.operator import NOBODY, Operator, Question
-from controller.cell.services.records import PartRecord, Product
+from controller.cell.services.records import BatchProduct, PartRecord
 
 MAX_SERIAL: Final = 80  # largest length in characters
 SCAN: Final = "scan"  # code of the question for a number
@@ -135,7 +135,7 @@ class Labels:
         """Return the number of the recipe that a list has for a serial number; None without."""
         return next((n for n, label in self.order.listed if label.serial == serial), None)
 
-    def in_advance(self, part: PartRecord, product: Product) -> Label | None:
+    def in_advance(self, part: PartRecord, product: BatchProduct) -> Label | None:
         """Return the label of a product's next part, if no other part may get it.
 
         Parameters
@@ -148,7 +148,7 @@ class Labels:
         label = self._in_order(part) if self.order.in_order else self._next_listed(product)
         return label if label.serial else None
 
-    def assign(self, part: PartRecord, product: Product) -> Label:
+    def assign(self, part: PartRecord, product: BatchProduct) -> Label:
         """Return the label that a part has from now on; its number is used up.
 
         Parameters
@@ -180,7 +180,7 @@ class Labels:
         self.used |= (done | {serial}) - {""}
         return tuple(number for number, label in self.order.listed if label.serial in done)
 
-    def _label(self, part: PartRecord, product: Product) -> Label:
+    def _label(self, part: PartRecord, product: BatchProduct) -> Label:
         if part.scanned:
             listed = (one for _, one in self.order.listed if one.serial == part.scanned)
             return replace(next(listed, Label()), serial=part.scanned)
@@ -203,7 +203,7 @@ class Labels:
             if serial not in self.used:
                 return serial
 
-    def _next_listed(self, product: Product) -> Label:
+    def _next_listed(self, product: BatchProduct) -> Label:
         """Return the next label of a product; its labels without a number are all alike."""
         own = (label for number, label in self.order.listed if number == product.number)
         return next((one for one in own if one.serial not in self.used), Label())

@@ -7,11 +7,11 @@ from controller.cell.compute import Pickable
 from controller.cell.custody import Custody
 from controller.cell.errors import PartProblemError
 from controller.cell.journal.rows import PartLeft, SightingFields
-from controller.cell.services.records import BatchRecord, PartRecord, Product, sightings_row
+from controller.cell.services.records import BatchProduct, BatchRecord, PartRecord, sightings_row
 from controller.recognition import Sighting
 
 from .ahead import Foreseen, LookAhead
-from .choosing import LeftAlone, Wanted, candidates, chosen
+from .choosing import LeftAlone, WantedParts, candidates, chosen
 from .labels import Label, Labels
 
 
@@ -149,7 +149,7 @@ class Taking:
         """Begin to choose and plan the next part, now that a gripper has the current one."""
         self.ahead.begin(self._next_of)
 
-    async def _next_of(self, seen: tuple[SightingFields, ...]) -> tuple[int, Product] | None:
+    async def _next_of(self, seen: tuple[SightingFields, ...]) -> tuple[int, BatchProduct] | None:
         """Return the next object left on the table, with its product; None if unknown."""
         record = self.record
         if self.labels.order.is_read:
@@ -184,20 +184,20 @@ class Taking:
             return found[0]
         return chosen(seen, found, await self._pickable(seen, is_ahead=is_ahead))
 
-    def _product_of(self, name: str | None) -> Product:
+    def _product_of(self, name: str | None) -> BatchProduct:
         """Return the product of the batch that a part taken is of, by the part's name."""
         return next(one for one in self.record.products if one.part_name == name)
 
-    def _wanted_of(self, products: Sequence[Product], part: PartRecord) -> Wanted:
+    def _wanted_of(self, products: Sequence[BatchProduct], part: PartRecord) -> WantedParts:
         """Return the search for some products' parts: the current part, or one to come."""
         known = {one.part_name: self.labels.in_advance(part, one) for one in products}
-        return Wanted(
+        return WantedParts(
             names=tuple(one.part_name for one in products),
             serials={name: label.words for name, label in known.items() if label is not None},
             batch=tuple(one.part_name for one in self.record.products),
         )
 
-    def _wanted(self) -> Wanted:
+    def _wanted(self) -> WantedParts:
         part, record = self.record.part, self.record
         is_sought_again = part.sighting is not None
         products = record.wanted

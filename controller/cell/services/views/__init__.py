@@ -9,7 +9,7 @@ from .disambiguation import Disambiguation
 from .held_pose import HeldPose
 from .judging import Background
 from .judging_ahead import JudgingAhead
-from .part_file import PartFile
+from .part_file import PartFileWriter
 from .stored_views import StoredViews
 from .views import Views, plain_name
 
@@ -18,7 +18,7 @@ __all__ = [
     "Disambiguation",
     "HeldPose",
     "JudgingAhead",
-    "PartFile",
+    "PartFileWriter",
     "StoredViews",
     "Views",
     "plain_name",

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from controller.cell.compute import Compute, OneTask
-from controller.cell.services.records import BatchRecord, PartRecord, Product, Shown
+from controller.cell.services.records import BatchProduct, BatchRecord, PartRecord, Shown
 from controller.planning import Look, Present
 
 from .judging import Background
-from .part_file import PartFile
+from .part_file import PartFileWriter
 
 log = logging.getLogger(__name__)
 
@@ -40,7 +40,7 @@ class JudgingAhead:
     record: BatchRecord
     compute: Compute
     background: Background
-    part_file: PartFile
+    part_file: PartFileWriter
     _work_at_hand: OneTask[None] = field(default_factory=OneTask, init=False)
 
     def begin(self) -> None:
@@ -60,7 +60,11 @@ class JudgingAhead:
         await self._work_at_hand.aclose()
 
     async def _work(
-        self, part: PartRecord, product: Product, shown: Sequence[Shown], judge_ahead: JudgeAhead
+        self,
+        part: PartRecord,
+        product: BatchProduct,
+        shown: Sequence[Shown],
+        judge_ahead: JudgeAhead,
     ) -> None:
         try:
             text = await asyncio.to_thread(self.part_file.text, part, product, shown)

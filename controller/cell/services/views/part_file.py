@@ -14,7 +14,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
-from controller.cell.services.records import PartRecord, Product, Shown
+from controller.cell.services.records import BatchProduct, PartRecord, Shown
 from controller.config import Cell, split_cad
 from controller.config.view_set import (
     SCHEMA,
@@ -50,7 +50,7 @@ class WrittenViews:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PartFile:
+class PartFileWriter:
     """Writes the views of a part to a file.
 
     Attributes
@@ -69,7 +69,7 @@ class PartFile:
         """Return the path of the file for a part's views."""
         return self.folder / f"part{part.number:03d}.views.json"
 
-    def write(self, part: PartRecord, product: Product) -> WrittenViews:
+    def write(self, part: PartRecord, product: BatchProduct) -> WrittenViews:
         """Write the views of a part that were shown; return the file.
 
         Parameters
@@ -86,7 +86,7 @@ class PartFile:
         path.write_bytes(data)
         return WrittenViews(path.name, hashlib.sha256(data).hexdigest())
 
-    def text(self, part: PartRecord, product: Product, views: Sequence[Shown]) -> str:
+    def text(self, part: PartRecord, product: BatchProduct, views: Sequence[Shown]) -> str:
         """Return the content of a file for some of a part's views.
 
         Parameters
@@ -99,7 +99,7 @@ class PartFile:
         return body.model_dump_json(by_alias=True, exclude_none=True, indent=1) + "\n"
 
     def _file(
-        self, part: PartRecord, product: Product, numbered: Sequence[tuple[Shown, int]]
+        self, part: PartRecord, product: BatchProduct, numbered: Sequence[tuple[Shown, int]]
     ) -> ViewSetFile:
         masks = [mask for mask in part.planned.values() if len(mask)]
         lights = {

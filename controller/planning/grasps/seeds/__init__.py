@@ -1,7 +1,7 @@
 """Grasp candidates on a part: opposed walls, seeds between them, candidates round each."""
 
 from ._candidates import (
-    Candidates,
+    GraspCandidates,
     approach_seems_free,
     axis_distance,
     candidates,
@@ -13,8 +13,8 @@ from ._from_above import from_above
 from ._seeds import Seeds, find_seeds, narrowest_inner, needed_friction, widest_inner
 
 __all__ = [
-    "Candidates",
     "FacePair",
+    "GraspCandidates",
     "Seeds",
     "across",
     "approach_seems_free",

@@ -20,21 +20,21 @@ SLACK_MM = 0.5  # a surface point this far inside a box is in the way
 
 
 @dataclass(slots=True)
-class Candidates:
+class GraspCandidates:
     """TCP poses (n, 4, 4) in the part frame, gaps expected (n,), and which are inner (n,)."""
 
     T: FloatArray
     gap: FloatArray
     inner: BoolArray
 
-    def take(self, rows: IntArray | BoolArray) -> Candidates:
+    def take(self, rows: IntArray | BoolArray) -> GraspCandidates:
         """Return the candidates with the given numbers, or of a mask."""
-        return Candidates(self.T[rows], self.gap[rows], self.inner[rows])
+        return GraspCandidates(self.T[rows], self.gap[rows], self.inner[rows])
 
 
 def candidates(
     solid: Solid, seeds: Seeds, jaw: Jaw, downs: FloatArray, rules: GraspRules
-) -> Candidates:
+) -> GraspCandidates:
     """Return gripper poses round each seed that the jaw is wide enough for, at a few depths.
 
     Approaches are spread round the jaws' axis, and those square to the table in each stable pose
@@ -81,7 +81,7 @@ def candidates(
         poses.append(T)
         gaps.append(np.repeat(seeds.gap[k], len(T)))
         inner.append(np.repeat(seeds.inner[k], len(T)))
-    return Candidates(np.concatenate(poses), np.concatenate(gaps), np.concatenate(inner))
+    return GraspCandidates(np.concatenate(poses), np.concatenate(gaps), np.concatenate(inner))
 
 
 def _approaches(axis: FloatArray, downs: FloatArray, spin_count: int) -> FloatArray:
@@ -109,7 +109,9 @@ def axis_distance(T: FloatArray, centroid_mm: FloatArray, jaw: Jaw) -> FloatArra
     return np.asarray(np.linalg.norm(np.cross(centroid_mm - at, T[:, :3, 1]), axis=1))
 
 
-def approach_seems_free(found: Candidates, seeds: Seeds, jaw: Jaw, rules: GraspRules) -> BoolArray:
+def approach_seems_free(
+    found: GraspCandidates, seeds: Seeds, jaw: Jaw, rules: GraspRules
+) -> BoolArray:
     """Return a mask (n,) of the candidates without a point of the surface in their approach.
 
     Necessary, not sufficient: some of the samples are looked at.

@@ -13,7 +13,7 @@ from controller.cad import Solid
 from controller.imaging import RayCaster
 
 from ...model import TABLE_MARGIN_MM, GraspRules, Jaw
-from ._candidates import Candidates
+from ._candidates import GraspCandidates
 from ._faces import across
 
 HEADING_COUNT = 24  # headings over half a turn: a jaw turned by half is the same
@@ -32,7 +32,7 @@ def from_above(
     jaw: Jaw,
     rules: GraspRules,
     clearance_mm: float = 0.0,
-) -> Candidates:
+) -> GraspCandidates:
     """Return grippers straight down over a resting part, centred between the pads' first contacts.
 
     Parameters
@@ -68,7 +68,7 @@ def from_above(
     met = np.isfinite(near) & np.isfinite(far)
     poses, near, far = poses[met], near[met], far[met]
     poses[:, :3, 3] += poses[:, :3, 1] * ((near + far) / 2)[:, None]
-    found = Candidates(poses, far - near, np.zeros(len(poses), dtype=bool))
+    found = GraspCandidates(poses, far - near, np.zeros(len(poses), dtype=bool))
     return found.take((found.gap > 1.0) & (found.gap <= jaw.max_mm - rules.jaw_reserve_mm))
 
 

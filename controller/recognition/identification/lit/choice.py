@@ -14,7 +14,7 @@ from ...partial import best_set, by_place
 from ..decide import Decision, decide, part_score
 from ..hypotheses import Hypothesis, without_repeats
 from .fits import LitFit, are_in_one_place
-from .search import SAME_SHADOW, Search
+from .search import SAME_SHADOW, ClusterSearch
 
 MAX_PLACES = 14
 PART_COST = 40.0  # edge pixels that another part has to explain
@@ -23,7 +23,7 @@ LEANS_LESS = 12.0  # log-odds of a leaning part against one that lies flat
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Place:
+class ClusterPlace:
     """One thing in a cluster.
 
     Attributes
@@ -46,7 +46,7 @@ class Place:
         return 0.0 if best is None else part_score(best, self.hypotheses)
 
 
-def chosen(fits: Sequence[LitFit], search: Search, library: Library) -> list[Place]:
+def chosen(fits: Sequence[LitFit], search: ClusterSearch, library: Library) -> list[ClusterPlace]:
     """Return the things that explain a cluster together, each of them a known part.
 
     Parameters
@@ -74,8 +74,8 @@ def chosen(fits: Sequence[LitFit], search: Search, library: Library) -> list[Pla
 
 
 def _decided(
-    place: Sequence[LitFit], firsts: Sequence[LitFit], search: Search, library: Library
-) -> Place | None:
+    place: Sequence[LitFit], firsts: Sequence[LitFit], search: ClusterSearch, library: Library
+) -> ClusterPlace | None:
     others = [f for f in firsts if f is not place[0]]
     able = [f for f in place if f is place[0] or not any(are_in_one_place(f, o) for o in others)]
     area = np.any([f.shadow for f in able if f is place[0] or search.alone(f) > LIKELY], axis=0)
@@ -89,4 +89,4 @@ def _decided(
         return None
     T = decision.best.fit.T_world_part
     fit = next(f for f in able if f.T is T)
-    return Place(fit, tuple(able), decision, hypotheses)
+    return ClusterPlace(fit, tuple(able), decision, hypotheses)

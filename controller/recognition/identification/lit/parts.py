@@ -20,9 +20,9 @@ from ...segmentation import Region
 from ..decide import Decision
 from ..hypotheses import Hypothesis, SearchLimits
 from ..touching import PartialSighting, connected, cut_out, within
-from .choice import Place, chosen
+from .choice import ClusterPlace, chosen
 from .fits import LitFit
-from .search import SAME_SHADOW, Proposed, Search
+from .search import SAME_SHADOW, ClusterSearch, Proposed
 
 MAX_ROUNDS = 3
 SAME_OUTLINE = 0.97  # overlap of two silhouettes from which one proposes the other's hypotheses
@@ -67,7 +67,7 @@ def parts_of_lit(
     limits : limits of the search
     known : parts of it that lie flat on the table, as a look before a light table names them
     """
-    search = Search(region, pictures, camera, library, usable, limits)
+    search = ClusterSearch(region, pictures, camera, library, usable, limits)
     proposed = search.proposed(outlines_of(search.region, least_px), is_first=True)
     named = search.fitted(known)
     fits = search.with_flat(named, proposed)
@@ -97,13 +97,13 @@ def parts_of_lit(
     return _sightings(fits, places, search, library, least_px)
 
 
-def _with(places: Sequence[Place], named: Sequence[LitFit]) -> list[LitFit]:
+def _with(places: Sequence[ClusterPlace], named: Sequence[LitFit]) -> list[LitFit]:
     """Return the parts placed so far, and the named ones where none is placed."""
     there = [place.fit for place in places]
     return there + [f for f in named if not any(are_one_place(f, o, SAME_SHADOW) for o in there)]
 
 
-def _looking_like(places: Sequence[Place], search: Search) -> list[Proposed]:
+def _looking_like(places: Sequence[ClusterPlace], search: ClusterSearch) -> list[Proposed]:
     """Return other parts with about the same outline as those placed so far.
 
     Of parts that differ only inside their outline, one may have been proposed and the other not.
@@ -139,7 +139,7 @@ def _are_alike(a: BoolArray, b: BoolArray) -> bool:
     return int((a & b).sum()) > SAME_OUTLINE * int((a | b).sum())
 
 
-def pieces_left(there: Sequence[LitFit], search: Search, least_px: float) -> list[Region]:
+def pieces_left(there: Sequence[LitFit], search: ClusterSearch, least_px: float) -> list[Region]:
     """Return the connected pieces on which no part is seen, with outlines of their own.
 
     Parameters
@@ -168,8 +168,8 @@ def _with_loops(region: Region) -> Region:
 
 def _sightings(
     fits: Sequence[LitFit],
-    places: Sequence[Place],
-    search: Search,
+    places: Sequence[ClusterPlace],
+    search: ClusterSearch,
     library: Library,
     least_px: float,
 ) -> tuple[PartialSighting, ...]:
@@ -180,7 +180,7 @@ def _sightings(
     fits, places, search, library : as `held`
     least_px : pixels below which what is left is no object
     """
-    nowhere: list[Place] = []
+    nowhere: list[ClusterPlace] = []
     while True:  # what is given up is unknown to those beside it, and bears none
         fits, places = held(fits, places, search, library)
         there = [place.fit for place in (*places, *nowhere)]
@@ -218,8 +218,8 @@ def _sightings(
 
 
 def _details_left_out(
-    places: Sequence[Place], pieces: Sequence[BoolArray], given_up: Sequence[BoolArray]
-) -> tuple[list[Place], list[Place]]:
+    places: Sequence[ClusterPlace], pieces: Sequence[BoolArray], given_up: Sequence[BoolArray]
+) -> tuple[list[ClusterPlace], list[ClusterPlace]]:
     """Return the places, and those of them that are details of something unknown."""
     fits = [place.fit for place in places]
     details = [
@@ -264,8 +264,8 @@ def is_detail(
 
 
 def sure_beside_unknown(
-    places: Sequence[Place], library: Library, *, is_unknown_left: bool
-) -> tuple[list[Place], list[Place]]:
+    places: Sequence[ClusterPlace], library: Library, *, is_unknown_left: bool
+) -> tuple[list[ClusterPlace], list[ClusterPlace]]:
     """Return the named places, and those too unsure beside something unknown.
 
     A washer that stands on its rim looks like a strip of anything, and hardly ever comes to stand
@@ -288,7 +288,7 @@ def sure_beside_unknown(
     return [p for p in places if not any(p is one for one in unsure)], unsure
 
 
-def _has_edges(piece: Region, there: Sequence[LitFit], search: Search) -> bool:
+def _has_edges(piece: Region, there: Sequence[LitFit], search: ClusterSearch) -> bool:
     """Return True if a piece has borders that no part explains: shadows and glare have none."""
     mask = within(piece, search.region).astype(np.uint8)
     near = cv2.dilate(mask, np.ones((RIM_PX, RIM_PX), np.uint8)) > 0
@@ -302,8 +302,8 @@ def _has_edges(piece: Region, there: Sequence[LitFit], search: Search) -> bool:
 
 
 def held(
-    fits: Sequence[LitFit], places: Sequence[Place], search: Search, library: Library
-) -> tuple[Sequence[LitFit], Sequence[Place]]:
+    fits: Sequence[LitFit], places: Sequence[ClusterPlace], search: ClusterSearch, library: Library
+) -> tuple[Sequence[LitFit], Sequence[ClusterPlace]]:
     """Return fits and places without those that would lean on nothing known.
 
     The next best explanation of such a place, or of its neighbours', gets its turn.

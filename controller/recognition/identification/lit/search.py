@@ -78,7 +78,7 @@ SAME_SHADOW = 0.5  # overlap of two shadows from which two fits are of one thing
 Proposed = tuple[Candidate, str]  # and what proposed it
 
 
-class Search:
+class ClusterSearch:
     """Search for the parts of one cluster.
 
     Parameters

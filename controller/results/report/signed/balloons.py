@@ -22,7 +22,7 @@ from controller.cad.views import LineView, line_view
 from controller.cell.journal.rows import CharacteristicFields
 
 from ...line_drawing import Drawing, draw
-from .leaders import CHAIN_MM, GAP_MM, RADIUS_MM, Placed, Ring, arrange
+from .leaders import CHAIN_MM, GAP_MM, RADIUS_MM, BalloonRing, PlacedLeader, arrange
 
 # Rows are the directions right, up and towards the reader, in the CAD frame.
 SIDES: Final[Mapping[str, FloatArray]] = {
@@ -94,7 +94,7 @@ class Circle:
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class DrawingSide:
     """The part from one side, or a detail of it, with the SVG view box in mm of the paper.
 
     Attributes
@@ -129,13 +129,13 @@ class BalloonDrawing:
     left_out : balloons that no side shows
     """
 
-    rows: tuple[tuple[Side, ...], ...]
+    rows: tuple[tuple[DrawingSide, ...], ...]
     scale: float
     radius: float
     left_out: tuple[int, ...]
 
     @property
-    def sides(self) -> tuple[Side, ...]:
+    def sides(self) -> tuple[DrawingSide, ...]:
         """All sides."""
         return tuple(side for row in self.rows for side in row)
 
@@ -287,11 +287,11 @@ def _flat(points_mm: FloatArray, R: FloatArray, solid: Solid) -> FloatArray:
 def _detailed(
     whole: Sequence[_View],
     places: Sequence[_Place],
-    sides: tuple[Side, ...],
-    rows: tuple[tuple[Side, ...], ...],
+    sides: tuple[DrawingSide, ...],
+    rows: tuple[tuple[DrawingSide, ...], ...],
     scale: float,
     height_mm: float,
-) -> tuple[tuple[tuple[Side, ...], ...], float]:
+) -> tuple[tuple[tuple[DrawingSide, ...], ...], float]:
     """Return the rows with as many details as fit, and the scale of the sides."""
     views, placed = list(whole), list(places)
     least = MIN_SIDE_SHARE * scale
@@ -324,7 +324,7 @@ def _fitting(
     scale: float,
     least: float,
     height_mm: float,
-) -> tuple[tuple[Side, ...], tuple[tuple[Side, ...], ...], float] | None:
+) -> tuple[tuple[DrawingSide, ...], tuple[tuple[DrawingSide, ...], ...], float] | None:
     """Return views, rows and scale: the largest scale from `scale` down to `least` that fits."""
     while scale >= least:
         sides = _sides(views, places, scale)
@@ -336,7 +336,7 @@ def _fitting(
 
 
 def _crowd(
-    places: Sequence[_Place], sides: Sequence[Side], scale: float
+    places: Sequence[_Place], sides: Sequence[DrawingSide], scale: float
 ) -> tuple[int, frozenset[int], Point, float] | None:
     """Return the place in a side at which most long leaders end; None if there is no crowd.
 
@@ -373,7 +373,7 @@ def _length(callout: Callout) -> float:
 
 def _sides(
     views: Sequence[_View], places: Sequence[_Place], scale: float
-) -> tuple[Side, ...] | None:
+) -> tuple[DrawingSide, ...] | None:
     """Return all views at a scale of the sides; None if their balloons do not fit."""
     factors = [scale * view.enlarged for view in views]
     targets = [
@@ -387,7 +387,9 @@ def _sides(
     for i, (view, factor) in enumerate(zip(views, factors, strict=True)):
         # A distance may extend beyond the part.
         shown = [shape for row in targets if (shape := row[i]) is not None]
-        rings.append(Ring.about(np.vstack([factor * view.outline, shapely.get_coordinates(shown)])))
+        rings.append(
+            BalloonRing.about(np.vstack([factor * view.outline, shapely.get_coordinates(shown)]))
+        )
     arranged = arrange(rings, targets)
     if arranged is None:
         return None
@@ -410,9 +412,9 @@ def _scaled(shape: BaseGeometry, factor: float) -> BaseGeometry:
     return shapely.transform(shape, lambda xy: factor * xy)
 
 
-def _rows(sides: Sequence[Side]) -> tuple[tuple[Side, ...], ...] | None:
+def _rows(sides: Sequence[DrawingSide]) -> tuple[tuple[DrawingSide, ...], ...] | None:
     """Return sides and details in rows; None if one of them is wider than the paper."""
-    rows: list[list[Side]] = []
+    rows: list[list[DrawingSide]] = []
     for side in sides:
         if side.width > PAPER_MM[0]:
             return None
@@ -425,15 +427,15 @@ def _rows(sides: Sequence[Side]) -> tuple[tuple[Side, ...], ...] | None:
     return tuple(tuple(row) for row in rows)
 
 
-def _width(row: Sequence[Side]) -> float:
+def _width(row: Sequence[DrawingSide]) -> float:
     return sum(side.width for side in row) + SPACE_MM[0] * (len(row) - 1)
 
 
-def _height(rows: Sequence[Sequence[Side]]) -> float:
+def _height(rows: Sequence[Sequence[DrawingSide]]) -> float:
     return sum(max(side.height for side in row) + SPACE_MM[1] for row in rows)
 
 
-def _callout(place: _Place, placed: Placed, shape: BaseGeometry | None) -> Callout:
+def _callout(place: _Place, placed: PlacedLeader, shape: BaseGeometry | None) -> Callout:
     balloons = tuple(
         Balloon(c.balloon, _point(placed.start + i * CHAIN_MM * placed.outward), c.verdict)
         for i, c in enumerate(place.characteristics)
@@ -443,7 +445,9 @@ def _callout(place: _Place, placed: Placed, shape: BaseGeometry | None) -> Callo
     return Callout(balloons, _point(placed.end), tuple(_point(p) for p in line))
 
 
-def _side(views: Sequence[_View], i: int, scale: float, callouts: tuple[Callout, ...]) -> Side:
+def _side(
+    views: Sequence[_View], i: int, scale: float, callouts: tuple[Callout, ...]
+) -> DrawingSide:
     view = views[i]
     factor = scale * view.enlarged
     middles = [b.at for callout in callouts for b in callout.balloons]
@@ -453,7 +457,7 @@ def _side(views: Sequence[_View], i: int, scale: float, callouts: tuple[Callout,
     )
     low, high = corners.min(axis=0) - 0.3, corners.max(axis=0) + 0.3
     width, height = (float(v) for v in high - low)
-    return Side(
+    return DrawingSide(
         view.words,
         view.drawing,
         factor,

@@ -29,13 +29,13 @@ GAP_MM: Final = 3.0 * RADIUS_MM
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ring:
+class BalloonRing:
     """Closed curve about a view on which the balloons lie."""
 
     line: shapely.LinearRing
 
     @classmethod
-    def about(cls, points: FloatArray) -> "Ring":
+    def about(cls, points: FloatArray) -> "BalloonRing":
         """Return the ring about the points (n, 2) of a view."""
         around = shapely.MultiPoint(points).convex_hull.buffer(GAP_MM, quad_segs=16)
         return cls(shapely.LinearRing(shapely.get_coordinates(around)))
@@ -69,7 +69,7 @@ class Ring:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placed:
+class PlacedLeader:
     """Ends of a leader.
 
     Attributes
@@ -86,8 +86,8 @@ class Placed:
 
 
 def arrange(
-    rings: Sequence[Ring], targets: Sequence[Sequence[BaseGeometry | None]]
-) -> tuple[Placed, ...] | None:
+    rings: Sequence[BalloonRing], targets: Sequence[Sequence[BaseGeometry | None]]
+) -> tuple[PlacedLeader, ...] | None:
     """Return the shortest leaders that do not cross, one per target; None if they do not fit.
 
     Parameters
@@ -103,7 +103,7 @@ def arrange(
     )  # fmt: skip
     if chosen is None:
         return None
-    placed: dict[int, Placed] = {}
+    placed: dict[int, PlacedLeader] = {}
     for i, ring in enumerate(rings):
         mine = np.flatnonzero(view_of[chosen] == i)
         shapes = [shape for k in mine if (shape := targets[int(k)][i]) is not None]
@@ -111,13 +111,15 @@ def arrange(
         starts, outward = ring.at(starts_mm), ring.outward(starts_mm)
         ends = [_nearest(s, at) for s, at in zip(shapes, starts, strict=True)]
         placed |= {
-            int(k): Placed(i, *three)
+            int(k): PlacedLeader(i, *three)
             for k, three in zip(mine, zip(starts, outward, ends, strict=True), strict=True)
         }
     return tuple(placed[k] for k in range(len(targets)))
 
 
-def _lengths(ring: Ring, along: FloatArray, shapes: Sequence[BaseGeometry | None]) -> FloatArray:
+def _lengths(
+    ring: BalloonRing, along: FloatArray, shapes: Sequence[BaseGeometry | None]
+) -> FloatArray:
     """Return the leader lengths (shapes, places); infinite where the view shows no shape."""
     places = np.asarray(shapely.points(ring.at(along)))
     found = [np.full(len(places), np.inf) if s is None else shapely.distance(s, places)
@@ -134,7 +136,7 @@ def _assign(lengths: FloatArray) -> IntArray | None:
     return chosen if len(chosen) == len(lengths) else None
 
 
-def _beside(ring: Ring, along: FloatArray, shapes: Sequence[BaseGeometry]) -> FloatArray:
+def _beside(ring: BalloonRing, along: FloatArray, shapes: Sequence[BaseGeometry]) -> FloatArray:
     """Return places off the raster of slots, nearer to the shapes but still a pitch apart."""
     if not shapes:
         return along
@@ -159,7 +161,7 @@ def _beside(ring: Ring, along: FloatArray, shapes: Sequence[BaseGeometry]) -> Fl
     return moved[new] if is_better else at[old]
 
 
-def _nearest_along(ring: Ring, shape: BaseGeometry) -> float:
+def _nearest_along(ring: BalloonRing, shape: BaseGeometry) -> float:
     """Return the length along the ring of its point nearest to a shape."""
     line = shapely.shortest_line(ring.line, shape)
     start = shapely.Point(shapely.get_coordinates(line)[0])

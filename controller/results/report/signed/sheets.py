@@ -15,7 +15,7 @@ from ..pictures import Pictures, Shot, bounds, window_round
 from .balloons import BalloonDrawing, balloon_drawing
 from .covering import CoverageSide, coverage_sides
 from .looks import LookPanel, look_panel
-from .table import Brief, Row, briefly, rows_of, tally
+from .table import Brief, TableRow, briefly, rows_of, tally
 
 HASH_LENGTH: Final = 12
 PAPER_WORDS: Final[Mapping[str, str]] = {
@@ -59,7 +59,7 @@ class PartSheets:
     facts: tuple[tuple[str, str], ...]
     rule: str
     tally: tuple[tuple[str, int], ...]
-    rows: tuple[Row, ...]
+    rows: tuple[TableRow, ...]
     brief: Brief
     drawing: BalloonDrawing | None
     no_drawing: str

@@ -17,7 +17,7 @@ UNITS: Final = {"mm": "mm", "deg": "°"}
 
 
 @dataclass(frozen=True, slots=True)
-class Bar:
+class DeviationBar:
     """A deviation bar, 100 wide: limits, zones left open by the decision, value and its U.
 
     Attributes
@@ -38,7 +38,7 @@ class Bar:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TableRow:
     """Printed row of a characteristic."""
 
     c: CharacteristicFields
@@ -47,7 +47,7 @@ class Row:
     actual: str
     U: str
     deviation: str
-    bar: Bar
+    bar: DeviationBar
 
     @property
     def unit(self) -> str:
@@ -71,12 +71,12 @@ class Brief:
     open_ : reasons for no evaluation, each with its balloons
     """
 
-    rows: tuple[Row, ...]
-    passed: tuple[Row, ...] = ()
+    rows: tuple[TableRow, ...]
+    passed: tuple[TableRow, ...] = ()
     open_: tuple[tuple[str, tuple[int, ...]], ...] = ()
 
 
-def briefly(rows: Sequence[Row]) -> Brief:
+def briefly(rows: Sequence[TableRow]) -> Brief:
     """Return a table that fits a page: a short one in full, a long one partly summarised."""
     if len(rows) <= MAX_ROWS:
         return Brief(tuple(rows))
@@ -95,7 +95,7 @@ def _is_stated(c: CharacteristicFields) -> bool:
     return c.is_critical or not c.source.startswith(GENERAL)
 
 
-def rows_of(characteristics: Sequence[CharacteristicFields]) -> tuple[Row, ...]:
+def rows_of(characteristics: Sequence[CharacteristicFields]) -> tuple[TableRow, ...]:
     """Return the rows in the order of their balloons."""
     return tuple(_row(c) for c in sorted(characteristics, key=lambda c: c.balloon))
 
@@ -107,7 +107,7 @@ def tally(characteristics: Sequence[CharacteristicFields]) -> tuple[tuple[str, i
     return tuple((word, words.count(word)) for word in order if word in words)
 
 
-def _row(c: CharacteristicFields) -> Row:
+def _row(c: CharacteristicFields) -> TableRow:
     unit = UNITS[c.unit]
     is_one_sided = _is_one_sided(c)
     up, down = c.upper - c.nominal, c.nominal - c.lower
@@ -118,7 +118,7 @@ def _row(c: CharacteristicFields) -> Row:
         requirement = f"{sign}{_fixed(c.nominal)} ± {_short(up)} {unit}"
     else:
         requirement = f"{sign}{_fixed(c.nominal)} {_signed(up)} / {_signed(-down)} {unit}"
-    return Row(
+    return TableRow(
         c,
         requirement,
         f"{_fixed(c.lower)} … {_fixed(c.upper)}",
@@ -134,7 +134,7 @@ def _is_one_sided(c: CharacteristicFields) -> bool:
     return c.nominal == c.lower == 0
 
 
-def _bar(c: CharacteristicFields) -> Bar:
+def _bar(c: CharacteristicFields) -> DeviationBar:
     width = (c.upper - c.lower) or 1.0
 
     def at(value: float) -> float:
@@ -149,9 +149,9 @@ def _bar(c: CharacteristicFields) -> Bar:
         for low, high in open_zones(U, None if _is_one_sided(c) else c.lower, c.upper)
     )
     if c.measured is None:
-        return Bar(zones, None, 0.0, 0.0, False, clipped(at(c.nominal)))
+        return DeviationBar(zones, None, 0.0, 0.0, False, clipped(at(c.nominal)))
     x = at(c.measured)
-    return Bar(
+    return DeviationBar(
         zones,
         clipped(x),
         clipped(at(c.measured - U)),
