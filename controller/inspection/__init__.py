@@ -5,14 +5,12 @@ Arrays in, dataclasses out (cell-facts.md 3).
 
 from ._gathered import by_place
 from ._holder import with_measured_holder
-from ._judge import MIN_FACE_SHARE, FaceVerdict, PartVerdict, judge
+from ._judge import FaceVerdict, PartVerdict, judge
 from ._part_types import PartFinding, PartInspection, PartSettings, ViewOff, ViewSet
 from ._pose import PosedPart
 from ._scene import ViewScene, before_part, box_mesh, make_scene
 from ._types import (
-    MEASURED_HOLD,
     OUTLINE,
-    PLANNED_HOLD,
     Check,
     Finding,
     FindingKind,
@@ -28,6 +26,7 @@ from ._types import (
 from .detection import KINDS, Detection, least_mm
 from .kept import Kept, Same
 from .learning import MIN_PARTS, GoodPart, Lesson, TooFewPartsError, Tried, learn, require_usable
+from .limits import MEASURED_HOLD, MIN_FACE_SHARE, PLANNED_HOLD
 from .lit import MIN_WIDTH_PX, Appearance, LearnedPicture, LearnedView
 from .part import inspect_part, work_ahead
 from .predicted import predict_pictures

@@ -30,14 +30,14 @@ from ._types import WorldBox
 BOX_MM: Final = 0.1  # standard deviation of a box's place on the gripper
 TURN_RAD: Final = 0.005  # standard deviation of the gripper's turn in the picture
 NEAR_PX: Final = 150  # farther from the part, the gripper's place says little about it
-STEP_PX: Final = 2  # distance between points of the outline
+OUTLINE_STEP_PX: Final = 2  # distance between points of the outline
 MASK_STEP_PX: Final = 4  # distance between pixels of the masks of what is near
 REACH_PX: Final = 14.0  # reach of the search across the outline: three standard deviations and more
 SEARCH_PX: Final = 0.5  # step of this search; between steps the edge is interpolated
 CLEAR_PX: Final = 16  # distance from part and other boxes at which a stretch is the box's own
 EDGE_PX: Final = 0.3  # least standard deviation of a stretch's place: light and roundings
-MIN_POINTS: Final = 8  # least points of a stretch
-MIN_SHARE: Final = 0.5  # least share of a stretch's points at which an edge is found
+STRETCH_POINTS: Final = 8  # least points of a stretch
+MIN_FOUND_SHARE: Final = 0.5  # least share of a stretch's points at which an edge is found
 STANDS_OUT: Final = 95.0  # percentile of a shape's deviations that its margin covers
 ALIKE: Final = 1e-3  # of the axes of two boxes that are parallel
 SIDES: Final = 16  # points along an edge of a box: a lens bends it
@@ -188,13 +188,14 @@ def _stretch(
 ) -> _Stretch | None:
     """Return what shows of one side of an outline, None if that is too little."""
     length = float(np.linalg.norm(end - start))
-    if length < MIN_POINTS * STEP_PX:
+    if length < STRETCH_POINTS * OUTLINE_STEP_PX:
         return None
     along = (end - start) / length
     normal = np.array([along[1], -along[0]])
     if (start - inside) @ normal < 0:
         normal = -normal
-    points = start + np.arange(STEP_PX, length - STEP_PX, STEP_PX)[:, None] * along
+    step = OUTLINE_STEP_PX
+    points = start + np.arange(step, length - step, step)[:, None] * along
     x0, y0, x1, y1 = roi
     points = points[
         (points >= [x0 + REACH_PX, y0 + REACH_PX]).all(axis=1)
@@ -203,7 +204,7 @@ def _stretch(
     x, y = np.round(points).astype(int).T
     free = panel[y, x] & ~others[(y - y0) // MASK_STEP_PX, (x - x0) // MASK_STEP_PX]
     points = points[free]
-    if len(points) < MIN_POINTS:
+    if len(points) < STRETCH_POINTS:
         return None
     offsets = np.arange(-REACH_PX, REACH_PX + SEARCH_PX / 2, SEARCH_PX)
     where = points[:, None] + offsets[:, None] * normal
@@ -214,7 +215,7 @@ def _stretch(
     rows = np.arange(len(points))
     low, high = before[rows, nearest], after[rows, nearest]
     is_found = rises.any(axis=1)
-    if is_found.sum() < max(MIN_POINTS, MIN_SHARE * len(points)):
+    if is_found.sum() < max(STRETCH_POINTS, MIN_FOUND_SHARE * len(points)):
         return None
     part_way = np.where(is_found, -low / np.where(is_found, high - low, 1.0), 0.0)
     gap = offsets[nearest] + SEARCH_PX * part_way

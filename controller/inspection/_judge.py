@@ -30,6 +30,7 @@ from ._types import (
 )
 from .detection import MARKS, NEXT_WIDTH, NOTHING_ASKED, Detection
 from .edge_evidence import EdgeEvidence, FaceEdges
+from .limits import MIN_FACE_SHARE
 
 # Area, in smallest areas, above which a finding cannot be noise at a border.
 SURE_AREA: Final = 2.5
@@ -51,7 +52,6 @@ SEEN_AGAIN_COUNT: Final = 2
 UNPROVEN: Final = {FindingKind.MISSING_EDGE}
 # Strength, in limits of texture, above which a mark is never taken for a reflection.
 PLAIN: Final = 3.0
-MIN_FACE_SHARE: Final = 0.5  # least share of a face that must have been compared
 # Share of a failed view's surface that other views must have in sight to make up for it.
 MADE_GOOD_SHARE: Final = 0.99
 NO_VIEW: Final = "in no view that was evaluated"

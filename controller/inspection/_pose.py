@@ -36,15 +36,9 @@ from controller.recognition.fitting import (
 )
 
 from ._types import ViewTask
+from .limits import COMPARED_PX, FARTHEST_PX, OUTLINE_POINTS, OUTLINE_PX, PAIRED_PX, SLIT_PX
 
 AS_PLACED: Final = (0.05, 0.001)  # [mm, rad] largest movement of a tried pose by its fit
-REACH_PX: Final = 25.0  # largest offset of the outline at the expected pose
-COMPARED_PX: Final = 6.25  # reach of the search for the observed outline round the fitted one
-CLEAR_PX: Final = 1.0  # width of a slit below which light through it is not compared
-PAIRED_PX: Final = 2.0  # distance below which a point of the outline counts as found
-# Uncertainty of an outline point; before a panel, no effect moves a whole outline.
-SIGMA_PX: Final = 0.4
-MIN_POINTS: Final = 20  # least number of points of an outline, observed or predicted
 # Distance from the picture's outline beyond which a fitted outline point is off it.
 OFF_PX: Final = 0.5
 OFF_SHARE: Final = 0.03  # largest share of such points; in good fits it is one in a hundred
@@ -106,7 +100,7 @@ class PoseFit:
     @property
     def is_hidden(self) -> bool:
         """True if no outline shows: other views of the grasp, and the arm, tell the pose."""
-        return len(self.edge_px) < MIN_POINTS
+        return len(self.edge_px) < OUTLINE_POINTS
 
 
 def poses_as_good(
@@ -216,11 +210,11 @@ def _fit(
     """Return a tried pose refined by a few more fit steps; None where no outline is found."""
     if fit.is_hidden:
         return _placed(part, task, T_tried, fit)
-    if len(outline.points) < MIN_POINTS:
+    if len(outline.points) < OUTLINE_POINTS:
         return None
     mm, rad = AS_PLACED
     prior = Prior((mm, mm, mm), (rad, rad, rad), T_tried)
-    options = FitOptions((REACH_PX,), steps=1, prior=prior, noise=SIGMA_PX)
+    options = FitOptions((FARTHEST_PX,), steps=1, prior=prior, noise=OUTLINE_PX)
     found = fit_edges(part.edges, T_tried, task.camera, outline, options)
     if found is None:
         return None
@@ -249,11 +243,11 @@ def _compared(
         return None
     pixel_mm = camera.mm_per_px(transform(T, part.solid.centroid_mm[None])[0])
     rim = predict_outline(part.edges, T, camera, np.inf, pixel_mm)
-    beside = camera.sight_lines(rim.pixels + CLEAR_PX * rim.normals)
+    beside = camera.sight_lines(rim.pixels + SLIT_PX * rim.normals)
     met, _ = meet_part(part.caster, T, camera.position_mm, beside)
     mine = outline.is_judged(rim.pixels) & (met < 0)
     gap = outline.gaps(rim.pixels, rim.normals, rim, COMPARED_PX).gap_px[mine]
-    if np.isfinite(gap).sum() < MIN_POINTS:
+    if np.isfinite(gap).sum() < OUTLINE_POINTS:
         return None
     return PoseFit(
         T_world_part=T,

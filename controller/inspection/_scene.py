@@ -22,18 +22,17 @@ from controller.imaging import (
 from ._connected import grow
 from ._pose import PosedPart
 from ._types import ViewTask, WorldBox
+from .limits import FLATTEST_COS, POSE_SPREADS
 
 # Standard deviations of the place of the gripper, and of a finger on it, since jaws open wider or
 # less. Two of both together are 1.3 mm.
 GRIPPER_MM: Final = 0.46
 FINGER_MM: Final = 0.46
-SPREADS: Final = 2.0  # standard deviations that the margin round the gripper covers
 BORDER_PX: Final = 2.0  # blur of its edge, and the raster of its mask
 MASK_STEP_PX: Final = 2
 BOX_TRIANGLES: Final = 12  # of a box's mesh, in the order of the boxes
 # A gripper farther behind the part's surface than this is not in front of it.
 BEHIND_MM: Final = 2.0
-MAX_INCIDENCE_COS: Final = float(np.cos(np.radians(75.0)))
 SPOT_RADIUS_MM: Final = 25.0  # assumed radius of a lamp that is given as one point
 RING_SPREAD: Final = 0.12  # spread of a ring lamp's radius, as a share
 # Offset of shadow rays from the surface, so that it does not shadow itself.
@@ -85,7 +84,7 @@ def margin_px(sigma_px: float, out_px: float = 0.0) -> int:
     sigma_px : standard deviation of its place
     out_px : how far its true shape stands out of it
     """
-    return int(np.ceil(SPREADS * sigma_px + out_px + BORDER_PX - 0.5))
+    return int(np.ceil(POSE_SPREADS * sigma_px + out_px + BORDER_PX - 0.5))
 
 
 def make_scene(task: ViewTask) -> ViewScene:
@@ -225,7 +224,7 @@ def samples_in_sight(
     normals = samples.normals @ T[:3, :3].T
     towards = camera.position_mm - points
     unit = towards / lengths(towards)[:, None]
-    seen: BoolArray = inner(unit, normals) > MAX_INCIDENCE_COS
+    seen: BoolArray = inner(unit, normals) > FLATTEST_COS
     pixels = np.round(camera.project(points)).astype(int)
     width, height = camera.size_px
     seen &= (pixels[:, 0] >= 0) & (pixels[:, 0] < width)

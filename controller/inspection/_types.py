@@ -3,13 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, Float32Array, FloatArray, Grey, Int32Array
 from controller.imaging import Camera, PointLamp
+
+from .limits import PLANNED_HOLD
 
 
 class Verdict(StrEnum):
@@ -159,10 +160,6 @@ class ViewPictures:
 
     backlit: Grey
     lit: Mapping[str, Grey]
-
-
-PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] deviation of a fresh grasp from the planned one
-MEASURED_HOLD: Final = (0.3, 0.005)  # [mm, rad] the same once a view has measured it
 
 
 @dataclass(frozen=True, eq=False, slots=True)

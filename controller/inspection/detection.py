@@ -22,6 +22,7 @@ from controller.cad import Solid, SurfaceSamples
 from ._types import OUTLINE, Check, InspectionLimits, ViewResult
 from .edge_evidence import KEPT_PARTS, find_edges
 from .integrity import BURR_PX, CHIP_PX
+from .limits import MIN_FACE_SHARE
 from .lit import DISC, FILTER_STEP, LINE_NODES, LINE_WIDTH, MIN_WIDTH_PX, SPOT_NODES, STEP_PX
 
 MARKS: Final = ("dent", "scratch", "stain")
@@ -46,7 +47,6 @@ HALVES: Final = 4
 # A run of the outline is a finding from about five standard deviations on; 1.28 more of them make
 # nine of ten.
 OVER_LIMIT: Final = 1.25
-MIN_SHARE: Final = 0.5  # least share of a face, the same as must have been compared
 MAX_NAMED: Final = 6
 NOTHING_ASKED: Final[Mapping[str, float]] = MappingProxyType({})
 NO_FACES: Final[Mapping[int, str]] = MappingProxyType({})
@@ -237,7 +237,7 @@ def _detection(
     open_faces = [
         (face, share)
         for face, share in _shares(is_found, among, samples)
-        if share < MIN_SHARE
+        if share < MIN_FACE_SHARE
         and face not in not_inspected
         and solid.faces[face].area_mm2 >= limits.min_area_mm2
     ]

@@ -23,7 +23,7 @@ OUTERMOST: Final = 0.35  # share of the steepest step from which another one in 
 FLOOR: Final = 0.2  # share of a step's steepest part below which all is noise
 MAX_PROFILES: Final = 1200
 MIN_PROFILES: Final = 40
-ROUNDS: Final = 6
+STACK_ROUNDS: Final = 6
 RIM_PRIOR: Final = 1.0  # weight of "no rim", for each profile
 # Weight of "no shift", in profiles. Neighbouring profiles err together: where hardly more than
 # these few show a direction, another edge beside the outline would pass for a shift along it.
@@ -79,7 +79,7 @@ def register(
     design = np.column_stack([normals, np.ones(len(place))])
     solution = np.array([0.0, 0.0, np.median(place)])
     prior = np.diag([SHIFT_PRIOR, SHIFT_PRIOR, RIM_PRIOR * len(place)])
-    for _ in range(ROUNDS):
+    for _ in range(STACK_ROUNDS):
         off = place - design @ solution
         scale = max(0.3, 1.5 * float(np.median(np.abs(off))))
         trust = 1.0 / np.maximum(1.0, np.abs(off) / scale)

@@ -28,9 +28,7 @@ from ._pose import (
 )
 from ._scene import ViewScene, before_part, make_scene, samples_in_sight
 from ._types import (
-    MEASURED_HOLD,
     OUTLINE,
-    PLANNED_HOLD,
     Check,
     Finding,
     InspectionLimits,
@@ -48,6 +46,7 @@ from .grasp_pose import (
     fit_grasp,
 )
 from .integrity import Allowances, OutlineResult, compare_outline
+from .limits import MEASURED_HOLD, PLANNED_HOLD, POSE_SPREADS
 from .lit import (
     BURNT_GREY,
     MIN_WIDTH_PX,
@@ -59,7 +58,6 @@ from .lit import (
 )
 from .registration import Registration, register
 
-OPEN_SPREADS: Final = 2.0  # standard deviations of a pose that no outline shows
 # What they may be in the picture: half the width that a defect must have to be seen.
 MAX_OPEN_PX: Final = 0.5 * MIN_WIDTH_PX
 SPREAD_STEP_PX: Final = 8  # distance between pixels whose surface is asked
@@ -478,7 +476,7 @@ def _open_refusal(part: PosedPart, task: ViewTask, fit: PoseFit) -> str:
     triangles = fit.maps.triangle[::SPREAD_STEP_PX, ::SPREAD_STEP_PX][rows, columns]
     middles = part.solid.mesh.triangles_center[np.unique(triangles)]
     points = transform(fit.T_world_part, np.asarray(middles, np.float64))
-    open_px = OPEN_SPREADS * float(np.median(point_spread(part, task, fit, points)))
+    open_px = POSE_SPREADS * float(np.median(point_spread(part, task, fit, points)))
     if open_px <= MAX_OPEN_PX:
         return ""
     return (

@@ -23,7 +23,7 @@ from .limits import ToleranceClass, fit_limits_mm
 NEAR_MM: Final = 1.0  # largest distance of a given place from the axis or edges that it means
 SAME_SIZE: Final = 0.1  # largest difference of a given size, as a share of the nominal one
 PARALLEL_COS: Final = float(np.cos(np.radians(5.0)))
-MAX_NAMED: Final = 3
+MAX_CLOSE_NAMES: Final = 3
 LEFT_OUT: Final = "left out by the "
 _NUMBER = re.compile(r" \(\d+\)")
 
@@ -138,7 +138,7 @@ def _found(
     if asked.kind is not None:
         found = [at for at in found if known[at].kind == asked.kind]
     if not found:
-        near = difflib.get_close_matches(wanted, names, n=MAX_NAMED, cutoff=0.4)
+        near = difflib.get_close_matches(wanted, names, n=MAX_CLOSE_NAMES, cutoff=0.4)
         nearest = f"; nearest: {', '.join(near)}" if near else ""
         raise AskedError(index, f"no characteristic {asked.name!r} on the part{nearest}")
     kinds = {known[at].kind for at in found}

@@ -16,8 +16,8 @@ from .limits import (
     decide,
     zone_mm,
 )
+from .limits.fits import UM_PER_MM
 
-UM_PER_MM: Final = 1000.0
 MAX_NAMED: Final = 3  # largest number of optional characteristics named one by one
 # Number of a characteristic among similar ones.
 OWN_NUMBER: Final = re.compile(r" (?:\(\d+\)|F\d+(?: \w+ F\d+)?)")

@@ -10,14 +10,14 @@ from controller.arrays import FloatArray, IndexArray, median
 from controller.cad import Solid
 
 from ..characteristics import EdgeLine, Rim, rim_directions
+from ..characteristics.edges.rims import FULL_RAD
+from ..limits import CORNER_PX
 
 SPACING_PX: Final = 1.0  # distance between rays; closer ones use the same pixels
 MAX_RAYS: Final = 120
 MIN_RAYS: Final = 16
-CORNER_PX: Final = 5.0  # distance from a corner below which a ray sees the surface round it
 SAME_RAD: Final = 1e-4  # angle between points below which they coincide
 MIN_CHORDS: Final = 3  # least number of chord ends that determine a circle
-FULL_RAD: Final = 2 * np.pi - 1e-3  # sweep from which a rim is closed
 WIDEST_RAD: Final = 0.5  # largest half angle that a chord spans
 # Number of tested turns of a mesh, in equal shares of a chord. A part that looks the same from four
 # sides may be held in any of these orientations, which displaces its chords. With six turns, at

@@ -9,8 +9,8 @@ from controller.arrays import BoolArray, FloatArray, IndexArray
 from controller.cad import Solid
 
 from ..characteristics import EdgeLine, Rim, rim_directions
+from ..characteristics.edges.rims import FULL_RAD
 from ._curves import (
-    FULL_RAD,
     Chords,
     Curve,
     chords_of,

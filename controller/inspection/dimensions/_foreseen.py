@@ -18,7 +18,7 @@ from .._scene import SHADOW_OFFSET_MM, ViewScene, lamp_points
 from ._rays import NONE, Rays
 from ._types import BACKLIT, PosedView
 
-STEP_PX: Final = 0.5  # distance between the tested places of a ray
+PLACE_STEP_PX: Final = 0.5  # distance between the tested places of a ray
 # Largest width, in steps, of a shadow's border that counts as an edge.
 SOFT: Final = 4
 # Hidden share of the lamp that makes a border; a ring of six points loses a sixth at a time.
@@ -27,7 +27,7 @@ APART_PX: Final = 1.5  # distance below which blur merges two steps into one
 # Largest distance of a step from a shape that it lies on, for errors of pose and blur.
 ON_PX: Final = 1.0
 # Least share of the rays; most rays agree on one edge, while a crossing edge meets few of them.
-MIN_SHARE: Final = 0.5
+MIN_RAY_SHARE: Final = 0.5
 # Largest number of rays tested for a feature; each takes a hundred rays into the CAD model.
 MAX_RAYS: Final = 40
 
@@ -55,15 +55,15 @@ def is_explained(
         return False
     index = index[:: max(len(index) // MAX_RAYS, 1)]
     some, place = rays.chosen(index), place_px[index]
-    reach = float(np.abs(place).max()) + ON_PX + STEP_PX * SOFT
-    count = int(np.ceil(reach / STEP_PX))
-    offsets: FloatArray = np.arange(-count, count + 1, dtype=np.float64) * STEP_PX
+    reach = float(np.abs(place).max()) + ON_PX + PLACE_STEP_PX * SOFT
+    count = int(np.ceil(reach / PLACE_STEP_PX))
+    offsets: FloatArray = np.arange(-count, count + 1, dtype=np.float64) * PLACE_STEP_PX
     between = 0.5 * (offsets[1:] + offsets[:-1])
     is_step = _steps(part, scene, view, lamp, some, offsets)
     # The nominal place of the sought edge explains nothing.
     is_step &= np.abs(between) >= APART_PX - ON_PX
     is_step &= np.abs(between - place[:, None]) <= ON_PX
-    return bool(is_step.any(axis=1).mean() >= MIN_SHARE)
+    return bool(is_step.any(axis=1).mean() >= MIN_RAY_SHARE)
 
 
 def _steps(

@@ -14,9 +14,9 @@ from controller.arrays import FloatArray, Grey, IndexArray
 from controller.imaging import step_heights
 
 from ._features import Feature
+from ._foreseen import APART_PX
 from ._rays import Rays
 
-APART_PX: Final = 1.5  # distance below which blur merges two steps into one
 # Distance searched beyond the found edge, as seen from its nominal place.
 BESIDE_PX: Final = 1.0
 NEAR_PX: Final = 0.75  # largest distance of a step from a shape that it lies on

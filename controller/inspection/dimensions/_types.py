@@ -6,6 +6,7 @@ from controller.arrays import BoolArray, FloatArray, Grey
 
 from .._scene import ViewScene
 from .._types import ViewPictures, ViewTask
+from ..characteristics.limits.capability import EXPANSION_PER_K
 
 BACKLIT = "backlit"
 
@@ -84,7 +85,7 @@ class MeasuringSettings:
     lens_px: float = 0.1
     scale: float = 5e-5
     temperature_k: float = 5.0
-    expansion_per_k: float = 23e-6
+    expansion_per_k: float = EXPANSION_PER_K
     min_share: float = 0.8
     min_part: float = 0.5
     min_rays: int = 12

@@ -17,6 +17,7 @@ from controller.arrays import FloatArray
 
 from .._types import Verdict
 from ..characteristics import Characteristic, Look, verdict_of
+from ..characteristics.limits.decision import COVERAGE_FACTOR
 from ._looks import (
     BLUR,
     FACETS,
@@ -33,8 +34,7 @@ from ._looks import (
 from ._types import BACKLIT, MeasuringSettings
 
 DISAGREES: Final = "disagrees with the other looks"
-COVERAGE: Final = 2.0  # coverage factor k
-NOT_COVERED: Final = 1.0 - NormalDist().cdf(COVERAGE)  # on either side
+NOT_COVERED: Final = 1.0 - NormalDist().cdf(COVERAGE_FACTOR)  # on either side
 MAX_DROPPED: Final = 1 / 3  # largest share of looks that may disagree with all others
 NAMED: Final = 2  # largest number of named reasons; more would only repeat them
 
@@ -98,7 +98,7 @@ def combine(
     for i, reason in whole.dropped:
         if whole.is_direct:
             looks[i] = replace(looks[i], reason=reason)
-    U = COVERAGE * u
+    U = COVERAGE_FACTOR * u
     reason = whole.reason
     if not characteristic.is_critical and verdict_of(characteristic, value, U) is Verdict.PASS:
         reason = ""  # whichever look is right, the value is within its limits
@@ -297,7 +297,7 @@ def _against_others(used: Sequence[Estimate]) -> list[tuple[float, float]]:
     weight = np.array([1.0 / e.look.u_mm**2 for e in used])
     vectors = np.array([e.vector_mm for e in used])
     # of n looks the worst counts: each is asked at a share of what a single pair would be
-    k = COVERAGE if len(used) == 2 else NormalDist().inv_cdf(1.0 - NOT_COVERED / len(used))
+    k = COVERAGE_FACTOR if len(used) == 2 else NormalDist().inv_cdf(1.0 - NOT_COVERED / len(used))
     answers = []
     for i, one in enumerate(used):
         rest = weight.copy()
@@ -376,7 +376,7 @@ def _reach(used: Sequence[Estimate], vector_mm: FloatArray) -> float:
     used, vector_mm : looks that disagree, and their mean
     """
     return max(
-        float(np.linalg.norm(e.vector_mm - vector_mm)) / COVERAGE + e.look.u_mm
+        float(np.linalg.norm(e.vector_mm - vector_mm)) / COVERAGE_FACTOR + e.look.u_mm
         for e, (off, allowed) in zip(used, _against_others(used), strict=True)
         if off > allowed
     )
@@ -384,7 +384,7 @@ def _reach(used: Sequence[Estimate], vector_mm: FloatArray) -> float:
 
 def _are_apart(one: FloatArray, other: FloatArray, u_one: float, u_other: float) -> bool:
     """Return True if two values differ by more than their standard uncertainties explain."""
-    return float(np.linalg.norm(one - other)) > COVERAGE * float(np.hypot(u_one, u_other))
+    return float(np.linalg.norm(one - other)) > COVERAGE_FACTOR * float(np.hypot(u_one, u_other))
 
 
 def _has_two(used: Sequence[Estimate], settings: MeasuringSettings) -> bool:

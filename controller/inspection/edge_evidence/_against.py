@@ -16,7 +16,8 @@ from controller.cad import Recess, Solid
 from .._types import Finding, FindingKind
 from ..dimensions import MeasuringSettings
 from ..integrity import Allowances
-from ._depth import FOLLOWS, Floor, K
+from ..limits import SURE_SIGMAS
+from ._depth import FOLLOWS, Floor
 from ._displaced import MIN_POINTS, course_of, known_points, wave_of
 from ._edges import PartEdges
 from ._faces import GREATER_PART, TWO, MissingEdge, floor_words
@@ -223,7 +224,7 @@ def _moved(
         return None
     course = course_of(edges, look, known, wave_px)
     place_px = look.offset_px[known] - course.off_px
-    room_px = FORM_PX + K * look.sigma_px[known]
+    room_px = FORM_PX + SURE_SIGMAS * look.sigma_px[known]
     follows = np.abs(course.off_px) <= room_px
     if follows.sum() < FOLLOWS * len(shown):
         return None

@@ -15,14 +15,15 @@ from controller.arrays import BoolArray, FloatArray
 from controller.cad import Recess
 
 from ..dimensions import MeasuringSettings
+from ..limits import SURE_SIGMAS
 from ._edges import PartEdges
 from ._looks import FORM_PX, EdgeLook, State
 
 MIN_POINTS: Final = 6  # least number of points on the mouth, and on the floor, for a depth
 # Least share of a floor's visible edge that must lie on the fitted one.
 FOLLOWS: Final = 0.6
-K: Final = 3.0  # number of standard deviations in the bound of a floor's height
-HALF: Final = 0.5  # height of a floor, as a share of the depth, from which it is another hole's
+# Height of a floor, as a share of the depth, from which it is another hole's.
+OTHER_HOLE_SHARE: Final = 0.5
 # Error from which a floor is wrong, as a share of the depth and at least in mm; general tolerances
 # are narrower.
 WRONG_SHARE: Final = 0.1
@@ -52,7 +53,7 @@ class FloorLook:
     @property
     def room_mm(self) -> float:
         """Largest possible error of the height."""
-        return K * self.u_mm
+        return SURE_SIGMAS * self.u_mm
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -92,7 +93,7 @@ class Floor:
         edge may be the border of the mouth's own shadow, so one picture is no proof there.
         """
         wrong = self._wrong
-        is_high = all(one.off_mm > HALF * self.recess.depth_mm for one in wrong)
+        is_high = all(one.off_mm > OTHER_HOLE_SHARE * self.recess.depth_mm for one in wrong)
         if len(wrong) <= len(self._in_place) or (is_high and len(wrong) < HIGH_COUNT):
             return ()
         return tuple(sorted(wrong, key=lambda one: one.u_mm))
@@ -119,7 +120,7 @@ class Floor:
         ]
 
     def _limit_mm(self, look: FloorLook) -> float:
-        return (LIT_SHARE if look.is_by_light else HALF) * self.recess.depth_mm
+        return (LIT_SHARE if look.is_by_light else OTHER_HOLE_SHARE) * self.recess.depth_mm
 
 
 def find_floor(
@@ -190,7 +191,7 @@ def floor_look(
         scale = max(1.5 * float(np.median(off)), settings.lit_edge_px)
         weight = base * np.minimum(1.0, scale / np.maximum(off, 1e-9))
     # The border of a shadow crosses the floor's expected edge and does not follow it.
-    follows = off[len(mouth) :] <= FORM_PX + K * at_floor.sigma_px[floor]
+    follows = off[len(mouth) :] <= FORM_PX + SURE_SIGMAS * at_floor.sigma_px[floor]
     shown = on_floor & (at_floor.state != State.HIDDEN)
     if follows.sum() < max(MIN_POINTS, FOLLOWS * shown.sum()):
         return None

@@ -15,13 +15,13 @@ from controller.arrays import BoolArray, FloatArray, IndexArray, median
 
 from ..dimensions import BACKLIT, MeasuringSettings
 from ..integrity import Allowances, Run, RunTest, find_runs
+from ..limits import SURE_SIGMAS
 from ._edges import PartEdges
 from ._looks import EdgeLook, State
 
 MIN_POINTS: Final = 8  # least number of points of an edge with a course of its own
 MIN_RUN: Final = 3  # least number of neighbouring rays in a run
 ROUNDS: Final = 4
-SIGMAS: Final = 3.0  # standard deviations below which no test can find a run
 # Share of a run's depth above which points belong to the run; the others are on course.
 BELONGS: Final = 0.25
 FLANK: Final = 2  # least number of points on course at each end of a run
@@ -156,7 +156,7 @@ def find_displaced(
             # If all of an edge is this close to its course, no window can exceed chance.
             if (
                 len(known) >= MIN_POINTS
-                and float(np.ptp(look.offset_px[known])) >= SIGMAS * wave_px
+                and float(np.ptp(look.offset_px[known])) >= SURE_SIGMAS * wave_px
             ):
                 share = max(round(total / len(known)), 1)
                 test = RunTest(0.0, wave_px, allowances.false_alarms, share)

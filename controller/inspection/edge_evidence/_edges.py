@@ -12,9 +12,9 @@ from controller.cad import Crease, Solid, surface_normals
 from controller.cad import Curve as CurveKind
 
 from ..dimensions import Curve
+from ..limits import CORNER_PX
 
 SPACING_PX: Final = 2.0  # distance between rays; within a lens's blur closer ones add nothing
-CORNER_PX: Final = 5.0  # distance from a corner below which other edges disturb a ray
 SHORTEST_PX: Final = 3.0  # length below which an edge is lost in the blur of a lens
 # Largest share of an edge left out at a corner, so that short edges are measured too.
 MAX_CORNER: Final = 0.3

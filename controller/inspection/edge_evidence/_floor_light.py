@@ -18,11 +18,12 @@ from controller.cad import Recess, Solid
 from controller.imaging import Camera, PointLamp, inverse_pose, transform
 
 from .._pose import PosedPart
+from ..characteristics.edges.rims import SAME_MM
 from ..dimensions import PosedView
 from ._depth import FloorLook
 
 MIN_TILT_COS: Final = 0.9  # least cosine of incidence; below it the wall hides most of the floor
-FINE: Final = 2  # points per pixel in each direction
+SUBPIXELS: Final = 2  # points per pixel in each direction
 BLUR_PX: Final = 0.8  # blur of a lens in focus; with 0.5 or 1.2 a depth changes by some per cent
 CLEAR_PX: Final = 1.5  # margin at the rim, which may have a chamfer or a burr
 AROUND_PX: Final = (2.5, 4.5)  # range of distances from the rim of the surface about the mouth
@@ -37,7 +38,6 @@ EXPLAINED: Final = 0.8
 GAIN: Final = (0.6, 1.6)
 EVEN_LIGHT: Final = 0.4  # largest light added by walls, as a share of that surface's
 MODEL: Final = 0.07  # standard uncertainty of a depth by the model, as a share of it
-SAME_MM: Final = 0.02
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -195,11 +195,11 @@ def _patch(
     ):
         return None
     size = 2 * half + 1
-    fine = (np.arange(size * FINE) - 0.5 * (size * FINE - 1)) / FINE
+    fine = (np.arange(size * SUBPIXELS) - 0.5 * (size * SUBPIXELS - 1)) / SUBPIXELS
     x, y = np.meshgrid(x0 + fine, y0 + fine)
     sight = camera.sight_lines(np.column_stack([x.ravel(), y.ravel()])) @ T[:3, :3] @ axes.T
     at_mouth = eye - (eye[2] / sight[:, 2])[:, None] * sight
-    reach = np.hypot(at_mouth[:, 0], at_mouth[:, 1]).reshape(size, FINE, size, FINE)
+    reach = np.hypot(at_mouth[:, 0], at_mouth[:, 1]).reshape(size, SUBPIXELS, size, SUBPIXELS)
     off_px = (reach.mean(axis=(1, 3)) - bore.radius_mm) / camera.mm_per_px(centre[0])
     grey = picture[y0 - half : y0 + half + 1, x0 - half : x0 + half + 1].astype(np.float64)
     inside = off_px < -CLEAR_PX
@@ -247,8 +247,8 @@ def _fit(
     """
     size = len(patch.grey)
     light = _light(patch.eye, patch.lines, sources, radius_mm, depth_mm)
-    seen = gaussian_filter(light.reshape(size * FINE, size * FINE), BLUR_PX * FINE)
-    seen = seen.reshape(size, FINE, size, FINE).mean(axis=(1, 3))[patch.inside]
+    seen = gaussian_filter(light.reshape(size * SUBPIXELS, size * SUBPIXELS), BLUR_PX * SUBPIXELS)
+    seen = seen.reshape(size, SUBPIXELS, size, SUBPIXELS).mean(axis=(1, 3))[patch.inside]
     grey = patch.grey[patch.inside]
     design = np.column_stack([seen, np.ones(len(seen))])
     (gain, even), *_ = np.linalg.lstsq(design, grey, rcond=None)

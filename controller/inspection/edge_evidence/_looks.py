@@ -22,10 +22,10 @@ from ..dimensions import (
     with_rotation,
     with_visibility,
 )
+from ..limits import SURE_SIGMAS
 from ._edges import PartEdges
 
 BEYOND_PX: Final = 2.5  # least reach of the search to either side of an edge
-K: Final = 3.0  # largest error of an edge, in standard deviations
 # Difference allowed between neighbours beyond noise, for broken edges and light.
 FORM_PX: Final = 0.25
 BESIDE: Final = 3  # number of neighbours compared on either side
@@ -136,7 +136,7 @@ def look_at_edges(
         picture = view.picture(lamp)
         light = settings.backlit_edge_px if is_backlit else settings.lit_edge_px
         u_px = np.sqrt(pose_px**2 + light**2 + settings.lens_px**2)
-        limit = play_px + K * u_px + rays.wall_px * is_backlit
+        limit = play_px + SURE_SIGMAS * u_px + rays.wall_px * is_backlit
         shows = ((rays.rising != 0) if is_backlit else rays.shows_lit) & is_long
         measured = _measured(picture, rays, shows, limit, edges, is_backlit, settings)
         out.append(
@@ -235,7 +235,7 @@ def _agree(
         other = np.clip(np.arange(count) + shift, 0, count - 1)
         same = (edge[other] == edge) & (np.abs(index[other] - index) == abs(shift))
         known += same
-        room = FORM_PX + K * np.sqrt(variance + variance[other])
+        room = FORM_PX + SURE_SIGMAS * np.sqrt(variance + variance[other])
         with np.errstate(invalid="ignore"):
             agree += same & (np.abs(place[other] - place) <= room)
     return np.asarray((known > 0) & (agree >= MIN_AGREE * known))

@@ -15,12 +15,11 @@ from controller.arrays import FloatArray, IndexArray
 from .._apart import is_turned
 from ..dimensions import MeasuringSettings
 from ..integrity import Allowances, RunTest
+from ..limits import SURE_SIGMAS
 from ._displaced import MIN_POINTS, Course, Displaced, course_of, known_points, wave_of
 from ._edges import PartEdges
 from ._looks import EdgeLook
 
-# Distance between full and half damage, and between half and none, in standard deviations.
-SIGMAS: Final = 3.0
 VIEW_COUNT: Final = 2  # number of views that had to show the damage and do not
 
 
@@ -66,7 +65,7 @@ def _is_clear(edges: PartEdges, run: Displaced, look: EdgeLook, wave_px: float) 
     if not (is_outline & is_known[run.points]).all():
         return False
     expected_px = _expected_px(edges, run, look)
-    if expected_px < 2 * SIGMAS * wave_px:
+    if expected_px < 2 * SURE_SIGMAS * wave_px:
         return False
     known = np.flatnonzero(is_known & (edges.edge == edges.edge[run.deepest]))
     if len(known) < MIN_POINTS:
@@ -74,7 +73,7 @@ def _is_clear(edges: PartEdges, run: Displaced, look: EdgeLook, wave_px: float) 
     course = course_of(edges, look, known, wave_px)
     sigma_px = _sigma_px(course, look, run.points)
     seen_px = float(course.off_px[np.isin(known, run.points)].mean())
-    return expected_px >= 2 * SIGMAS * sigma_px and abs(seen_px) <= 0.5 * expected_px
+    return expected_px >= 2 * SURE_SIGMAS * sigma_px and abs(seen_px) <= 0.5 * expected_px
 
 
 def _expected_px(edges: PartEdges, run: Displaced, look: EdgeLook) -> float:

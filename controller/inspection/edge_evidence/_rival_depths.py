@@ -19,9 +19,10 @@ from controller.cad import Recess, Solid
 
 from .._pose import PosedPart
 from ..dimensions import MeasuringSettings
+from ..limits import SURE_SIGMAS
 from ._depth import FloorLook, floor_look
 from ._edges import PartEdges
-from ._looks import BEYOND_PX, EdgeLook, K
+from ._looks import BEYOND_PX, EdgeLook
 
 MIN_VIEWS: Final = 2  # least number of views that must agree on a depth
 DEEPEST: Final = 1.0  # largest depth searched below nominal, in nominal depths
@@ -86,7 +87,7 @@ def _agreed(found: Sequence[FloorLook]) -> tuple[FloorLook, ...]:
         alike = (
             one
             for one in surest_last
-            if abs(one.off_mm - centre.off_mm) <= K * np.hypot(one.u_mm, centre.u_mm)
+            if abs(one.off_mm - centre.off_mm) <= SURE_SIGMAS * np.hypot(one.u_mm, centre.u_mm)
         )
         groups.append(tuple({(one.view_id, one.lamp): one for one in alike}.values()))
     most = max(groups, key=lambda group: (_view_count(group), len(group)), default=())

@@ -15,6 +15,7 @@ from .._pose import PosedPart
 from .._types import Finding, InspectionLimits
 from ..dimensions import BACKLIT, MeasuringSettings, PosedView
 from ..integrity import Allowances, allowed_mm
+from ..limits import DUST_SIZES, EDGE_PLAY_MM, EDGE_PLAY_PX, FLATTEST_COS
 from ._against import find_against
 from ._beside import compared_beside
 from ._damage import find_damage
@@ -27,13 +28,8 @@ from ._looks import EdgeLook, look_at_edges
 from ._other_looks import refuted
 from ._rival_depths import look_at_other_depths
 
-# Margin beside an edge, which may be broken, in which no surface is compared.
-EDGE_PLAY_MM: Final = 0.3
-BLUR_PX: Final = 2.0  # further margin for the blur of lens and filters
 # Least cosine of incidence at which a face counts as shown when its width is judged.
 MIN_COS: Final = 0.5
-GRAINS: Final = 2.0  # length, in sizes of dust, above which a run is no dust
-SEEN_COS: Final = 0.26  # least cosine of incidence of an evaluated sample, as in `_scene`
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -87,7 +83,7 @@ def find_evidence(
     looks: list[EdgeLook] = []
     for one, found in zip(views, by_view, strict=True):
         looks += counted.only(found, one, edges)
-    around_mm = EDGE_PLAY_MM + BLUR_PX * pixel_mm
+    around_mm = EDGE_PLAY_MM + EDGE_PLAY_PX * pixel_mm
     cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
     narrow = inner_mm(part.solid) < 0.5 * limits.smallest_defect_mm + around_mm / cosine
     recesses = find_recesses(part.solid)
@@ -95,7 +91,7 @@ def find_evidence(
     faces = prove_faces(
         part.solid, recesses, edges, looks, narrow, floors, limits.smallest_defect_mm
     )
-    runs = find_displaced(edges, looks, pixel_mm, GRAINS * limits.dust_mm, allowances, settings)
+    runs = find_displaced(edges, looks, pixel_mm, DUST_SIZES * limits.dust_mm, allowances, settings)
     poses = {one.task.view_id: one.T_world_part_measured for one in views}
     is_refuted = refuted(edges, runs, looks, poses, pixel_mm, allowances, settings)
     damage = find_damage(edges, runs, poses, is_refuted)
@@ -220,7 +216,7 @@ def _best_cosine(solid: Solid, samples: SurfaceSamples, views: Sequence[PosedVie
         towards = one.task.camera.position_mm - transform(T, samples.points_mm)
         normals = samples.normals @ T[:3, :3].T
         cosine = inner(towards, normals) / lengths(towards)
-        for face in np.unique(samples.face_ids[cosine > SEEN_COS]).tolist():
-            mine = (samples.face_ids == face) & (cosine > SEEN_COS)
+        for face in np.unique(samples.face_ids[cosine > FLATTEST_COS]).tolist():
+            mine = (samples.face_ids == face) & (cosine > FLATTEST_COS)
             out[face] = max(out[face], float(np.median(cosine[mine])))
     return out

@@ -20,6 +20,7 @@ from controller.recognition.fitting import OutlineMeasure
 
 from .._connected import grow
 from .._scene import ViewScene
+from ..limits import PANEL_HALF
 
 # Reduction of the picture for the panel's own light, which changes slowly.
 REDUCED: Final = 4
@@ -27,7 +28,6 @@ BESIDE_PX: Final = 8  # margin beside a part in which blur and light disturb the
 # Level that no pixel exceeds; pictures with a burnt-out panel are refused earlier.
 SATURATED: Final = 256
 UNEVEN: Final = 0.3  # largest loss of a panel's light at its rim, as a share
-HALF: Final = 0.5  # level of an edge, half-way between part and panel
 INTERPOLATED: Final = 0.82  # mean noise between two pixels, as a share of a pixel's noise
 NOTHING_SEEN: Final = Contour(np.zeros((0, 2)), np.zeros((0, 2)))
 PHASES: Final = np.linspace(0.0, 1.0, 101)  # positions of an edge between two pixels
@@ -82,7 +82,7 @@ def backlit_outline(
     panel = np.maximum(ground.over((0, 0, width, height)), least)
     share = ((picture.astype(np.float32) - low) / (panel - low)).astype(np.float32)
     judged = scene.panel & ~scene.holder_mask
-    contour = subpixel_contour(share, HALF) if high > low else NOTHING_SEEN
+    contour = subpixel_contour(share, PANEL_HALF) if high > low else NOTHING_SEEN
     outline = OutlineMeasure(contour, judged)
     noise = pixel_noise(picture, clear, 1) / max(high - low, 1.0)
     slope = _steepness(share, outline)
@@ -102,7 +102,7 @@ def chord_px(slope: float) -> float:
     """
     sigma = _blur_px(slope)
     before, after = ndtr(-PHASES / sigma), ndtr((1.0 - PHASES) / sigma)
-    off = (HALF - before) / (after - before) - PHASES
+    off = (PANEL_HALF - before) / (after - before) - PHASES
     return float(np.sqrt(np.mean(off**2)))
 
 

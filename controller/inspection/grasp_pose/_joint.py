@@ -23,30 +23,26 @@ from controller.imaging import inverse_pose, transform
 from controller.recognition.fitting import sample_information, twist
 
 from .._pose import PosedPart
+from ..limits import COMPARED_PX, FARTHEST_PX, OUTLINE_POINTS, OUTLINE_PX, PAIRED_PX
 from ._rims import FREEDOMS, Rims, find_rims
 from ._types import FaceShift, GraspPose, OutlinedView, PoseSettings, ViewPose
 
 # Largest offset of the outline in each coarse step; the visible faces change as the part tilts.
-REACH_PX: Final = (25.0, 18.0, 12.5, 9.0, 7.0, 6.0)
+REACH_PX: Final = (FARTHEST_PX, 18.0, 12.5, 9.0, 7.0, 6.0)
 COARSE_COUNT: Final = 400  # number of outline points per view in these steps
-# Assumed noise of an outline point in these steps, to weight views against the prior.
-COARSE_PX: Final = 0.4
 # Fine rounds: limit for outliers in shares of `LOOSE`, and whether faces are free.
 ROUNDS: Final = ((4.0, False), (2.0, True), (1.0, True))
 STEPS: Final = 3  # number of steps in each round
 TAIL: Final = 4.0  # degrees of freedom of Student's distribution for faces of good and bad parts
 LOOSE: Final = 3.0  # limit for outliers, in standard deviations
-COMPARED_PX: Final = 6.25  # reach of the search for the observed outline round the fitted one
 # Distance along an edge within which errors from blur and pixels are correlated.
 CORRELATED_PX: Final = 3.0
 ALONG_MM: Final = 3.0  # distance along an edge within which light and form hardly change
 BENT: Final = 0.1  # share of a face's shift that a curved outline hides from straight lines
 ALONG_SHARE: Final = 1 / 3  # effect along an edge as a share of the effect on the edge as a whole
-PAIRED_PX: Final = 2.0  # distance below which a point of the outline counts as found
 MAX_CYCLES: Final = 4
 # Largest missing share of the outline; with a wrong part or place, more is missing.
 MISSED_SHARE: Final = 0.4
-MIN_POINTS: Final = 20  # least number of points of an outline, observed or predicted
 SPLIT_RAD: Final = 0.5  # sector of a curved edge, along which the effect of light changes
 
 
@@ -62,7 +58,7 @@ def fit_grasp(
     settings : prior knowledge of arm, parts and light; None for the defaults
     """
     settings = settings or PoseSettings()
-    usable = [view for view in views if len(view.outline.points) >= MIN_POINTS]
+    usable = [view for view in views if len(view.outline.points) >= OUTLINE_POINTS]
     if not usable:
         return None
     state = np.zeros((1 + len(usable), 6))
@@ -181,7 +177,7 @@ def _coarse_step(
     for i, (r, gap) in enumerate(zip(rims, gaps, strict=True)):
         on = np.isfinite(gap)
         weight = 1.0 / np.maximum(1.0, np.abs(gap[on]) / spread)
-        weight *= sample_information(r.points.step_mm, COARSE_PX * spread)
+        weight *= sample_information(r.points.step_mm, OUTLINE_PX * spread)
         slopes = r.jacobian[on]
         weighted = (slopes * weight[:, None]).T
         own, drawn = weighted @ slopes, weighted @ gap[on]
@@ -242,7 +238,7 @@ def _fine(
         _view_pose(p, s, gap, x, covariance, i, prior)
         for i, (p, s, gap) in enumerate(zip(poses, predicted, left, strict=True))
     ]
-    shown = [v for v in every if np.isfinite(v.gap_px).sum() >= MIN_POINTS]
+    shown = [v for v in every if np.isfinite(v.gap_px).sum() >= OUTLINE_POINTS]
     if not shown:
         return None
     known = {v.view_id: v for v in shown}
@@ -289,7 +285,7 @@ def _hidden(
         one = _predict(part, placed, 0, 1)
         points = one.rims.points
         judged = view.outline.is_judged(points.pixels)
-        if judged.sum() >= MIN_POINTS:
+        if judged.sum() >= OUTLINE_POINTS:
             continue  # it would show, and is not there
         nothing = np.full(len(points.pixels), np.nan)
         out.append(

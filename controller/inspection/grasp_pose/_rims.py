@@ -5,17 +5,16 @@ from typing import Final
 
 import numpy as np
 
-from controller.arrays import FloatArray, IntArray
+from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.imaging import Camera, inverse_pose, meet_part, transform
 from controller.recognition.fitting import ModelEdgePoints, edge_jacobian, predict_outline
 
 from .._pose import PosedPart
+from ..limits import SLIT_PX
 
-CLEAR_PX: Final = 1.0  # width of a slit below which light through it is not compared
 SMOOTH: Final = 0.9  # least cosine between normals of two faces that move an outline together
 RIM: Final = 0.94  # least cosine between a chord of a circle and its tangent there
 AHEAD_MM: Final = 0.2  # step along an edge for its direction in the picture
-HALF: Final = 0.5  # threshold between the length of an axis, 1, and 0 for a face without one
 # Degrees of freedom of a face: growth along its normals, and the shift of a curved one.
 FREEDOMS: Final = 4
 
@@ -58,7 +57,7 @@ def find_rims(
     model = part.edges
     edges = predict_outline(model, T_world_part, camera, most, step_mm)
     if np.isinf(most) and len(edges.pixels):
-        beside = camera.sight_lines(edges.pixels + CLEAR_PX * edges.normals)
+        beside = camera.sight_lines(edges.pixels + SLIT_PX * edges.normals)
         met, _ = meet_part(part.caster, T_world_part, camera.position_mm, beside)
         edges = _those(edges, np.flatnonzero(met < 0))
     triangles = model.sides[edges.edge].astype(np.int64)
@@ -89,7 +88,7 @@ class _Rounds:
     def __init__(self, part: PosedPart) -> None:
         self._axes = np.array([face.axis for face in part.solid.faces])
         self._centres = np.array([face.centre_mm for face in part.solid.faces])
-        self.is_round = np.linalg.norm(self._axes, axis=1) > HALF
+        self.is_round: BoolArray = np.any(self._axes, axis=1)
 
     def tangents(self, faces: IntArray, local_mm: FloatArray) -> FloatArray:
         """Return unit tangents (n, 3) about the axes of faces (n,) at points (n, 3), CAD frame."""

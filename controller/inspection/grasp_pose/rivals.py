@@ -16,11 +16,11 @@ from controller.arrays import FloatArray
 from controller.cad import Solid
 
 from .._pose import PosedPart
+from ..limits import LOST_PX
 from ._joint import fit_grasp
 from ._types import GraspPose, OutlinedView, PoseSettings
 
 SUSPECT_SHARE: Final = 0.985  # share of the outline in place below which the part is suspect
-LOST_PX: Final = 6.0  # offset counted for an outline point without a partner
 POINT_PX: Final = 3.0  # length along an outline that counts as one piece of evidence
 DECIDED: Final = 20.0  # least logarithm of the odds for which a rival is accepted
 EXPLAINS: Final = 0.97  # least share of the outlines explained by an accepted rival

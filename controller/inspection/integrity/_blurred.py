@@ -9,11 +9,11 @@ from controller.arrays import FloatArray
 from controller.imaging import Camera, inverse_pose, sample_picture, transform
 
 from .._pose import PosedPart
+from ..limits import PANEL_HALF
 
 FINE: Final = 4  # samples per pixel in each direction
 # Places along the normal where the blurred outline is sought.
 ALONG_PX: Final = np.arange(-4.0, 4.05, 0.1)
-HALF: Final = 0.5
 
 
 def blur_rounds_px(
@@ -50,7 +50,7 @@ def blur_rounds_px(
     along = at_px[:, None] + ALONG_PX[None, :, None] * normals[:, None]
     grid = FINE * (along - [x0, y0])
     share = sample_picture(soft, grid[..., 0], grid[..., 1], cv2.BORDER_REPLICATE)
-    inside = share >= HALF
+    inside = share >= PANEL_HALF
     leaves = inside[:, :-1] & ~inside[:, 1:]
     middle = 0.5 * (ALONG_PX[:-1] + ALONG_PX[1:])
     away = np.where(leaves, np.abs(middle), np.inf)

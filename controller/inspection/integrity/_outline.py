@@ -22,16 +22,16 @@ from .._connected import LARGE_PX, border_of, connected_findings, grow
 from .._pose import PosedPart
 from .._types import OUTLINE, Check, Finding, FindingKind, ViewTask
 from ..grasp_pose import Backlit, PoseSettings, ViewPose
+from ..limits import DUST_SIZES, LOST_PX, PANEL_HALF
 from ._allowed import Allowances, allowed_mm
 from ._blurred import blur_rounds_px
 from ._runs import Run, RunTest, crowded, find_runs
 
 MARGIN_PX: Final = 40  # width beyond the outline that is searched for extra material
-LOST_PX: Final = 6.0  # offset counted for a point without a partner
 NEAR_PX: Final = 6  # distance from unjudged pixels within which the observed outline ends
 # Distance to either side of a lost point at which the picture is tested as dark or bright.
 INSIDE_PX: Final = 2.0
-HALF: Final = 0.5  # level between part and panel
+MOST: Final = 0.5  # share of some points above which it is most of them
 LIGHT_SIGMAS: Final = 2.0  # allowance for light on an edge as a whole, in standard deviations
 REACH_PX: Final = 4.0  # margin about a run for its blurred surroundings
 MAX_RUNS: Final = 40  # largest number of runs tested as blurred corners; more have another cause
@@ -42,7 +42,6 @@ WHOLE_EDGE: Final = 0.7
 BURR_PX: Final = 3.0  # size below which a finding may be dust
 CHIP_PX: Final = 6.0
 ROUNDED: Final = 3.0  # standard deviations of blur that round a corner
-GRAINS: Final = 2.0  # size, in sizes of dust, above which a finding is no dust
 SURE_PX: Final = 3.0  # depth that no light removes from one place of an edge
 CLEARLY_PX: Final = 0.3  # least excess of a face over its allowance
 FULL_RUN: Final = 0.6  # least share of the points along a run that must have been compared
@@ -178,7 +177,7 @@ class _Look:
         height, width = self.backlit.share.shape
         x, y = np.round(at_px).astype(np.int64).T
         x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
-        return np.asarray(self.backlit.share[y, x] < HALF)
+        return np.asarray(self.backlit.share[y, x] < PANEL_HALF)
 
     def _is_surely(self, at_px: FloatArray, *, part: bool) -> BoolArray:
         """Return a mask (n,) of the places (n, 2) clearly on the part, or clearly off it."""
@@ -236,7 +235,7 @@ class _Look:
         if not here.any():
             return False
         rest = np.abs(self.off_px[points] - beyond)[here]
-        return bool((np.abs(beyond[here]) > np.maximum(rest, CLEARLY_PX)).mean() > HALF)
+        return bool((np.abs(beyond[here]) > np.maximum(rest, CLEARLY_PX)).mean() > MOST)
 
     def near(self, box_px: tuple[int, int, int, int]) -> IntArray:
         """Return the outline points in or beside a box of the picture."""
@@ -292,7 +291,7 @@ class _Look:
         """Return True if neither light nor dust explains a run."""
         if run.depth_px < 0:
             return run.depth_px < -SURE_PX and run.length_px >= CHIP_PX
-        grain_px = GRAINS * self.task.limits.dust_mm / self.mm
+        grain_px = DUST_SIZES * self.task.limits.dust_mm / self.mm
         return min(run.depth_px, run.length_px) >= max(BURR_PX, grain_px)
 
     def _kind(self, run: Run) -> FindingKind | None:
@@ -312,7 +311,7 @@ class _Look:
             if -run.depth_px < rounded_px and run.length_px < rounded_px:
                 return None  # a notch this small may be a corner rounded by blur
             is_sharp = faces[run.points, 0] != faces[run.points, 1]
-            return FindingKind.CHIP if is_sharp.mean() > HALF else FindingKind.MISSING
+            return FindingKind.CHIP if is_sharp.mean() > MOST else FindingKind.MISSING
         grain_px = self.task.limits.dust_mm / self.mm
         if run.depth_px < max(BURR_PX, grain_px) and run.length_px < max(CHIP_PX, 2 * grain_px):
             return None
@@ -327,7 +326,7 @@ def _areas(look: _Look, maps: ViewMaps) -> list[Finding]:
     expected = np.zeros((y1 - y0, x1 - x0), dtype=bool)
     expected[maps.roi[1] - y0 : maps.roi[3] - y0, maps.roi[0] - x0 : maps.roi[2] - x0] = maps.mask
     window = (slice(y0, y1), slice(x0, x1))
-    dark, judged = look.backlit.share[window] < HALF, look.backlit.judged[window]
+    dark, judged = look.backlit.share[window] < PANEL_HALF, look.backlit.judged[window]
     allowed_px = float(look.allowed_mm.sum(axis=1).max()) / look.mm
     slack = int(np.ceil(max(allowed_px, BURR_PX)))
     area = np.full(expected.shape, look.mm**2, dtype=np.float32)

@@ -28,7 +28,7 @@ FITTED_COUNT: Final = 150
 WORST_TYPICAL: Final = 0.3
 SCATTERS: Final = 3.0
 MIN_SPREAD: Final = 0.05  # least spread of a prediction, from lens and beam
-HALF: Final = 0.5  # change of brightness to detect: to half of the prediction, or to `TWICE`
+HALVED: Final = 0.5  # change of brightness to detect: to half of the prediction, or to `TWICE`
 TWICE: Final = 2.0
 UNLIT_GREY: Final = 25.0
 PENUMBRA_SHARE: Final = 0.25
@@ -124,12 +124,12 @@ def compare(
     bare = cv2.dilate(np.where(seen, own, np.float32(ground)).astype(np.float32), kernel)
     floor = np.float32(limits.grey_levels / 2)
     top, bottom = brightest + floor, darkest - floor
-    stands_out = (bottom >= HALF * middle) & (top <= TWICE * middle)
+    stands_out = (bottom >= HALVED * middle) & (top <= TWICE * middle)
     lit = (middle >= UNLIT_GREY) & (light.most >= 0.5 * FITTED_LIGHT)
     # Where a shadow is absent, its surface is as bright as in the open.
     shaded = ((light.most < SHADED * light.open) | ~seen).astype(np.uint8)
     dark: BoolArray = seen & (cv2.erode(shaded, kernel) > 0) & (light.open > FITTED_LIGHT)
-    dark &= (bounced < HALF * unshaded) & (play_open < HALF)
+    dark &= (bounced < HALVED * unshaded) & (play_open < HALVED)
     behind = ~seen
     wrong = valid & (
         (lit & stands_out & (observed < bottom))
@@ -143,7 +143,7 @@ def compare(
     compared = seen & valid & lit & stands_out & ~odd & ~burnt & (surface.cosine > flattest)
     reason = np.where(seen & ~compared, Unjudged.EDGE.number, 0).astype(np.uint8)
     for which, why in (
-        (odd | (play > HALF), Unjudged.LIGHT),
+        (odd | (play > HALVED), Unjudged.LIGHT),
         (burnt, Unjudged.HIGHLIGHT),
         (beyond > 0.4 * middle, Unjudged.BOUNCE),
         # Light from neighbours alone may double the brightness.

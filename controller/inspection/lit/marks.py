@@ -18,7 +18,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, median
 
-from .._scene import MAX_INCIDENCE_COS
+from ..limits import FLATTEST_COS
 from .learned import Known
 from .texture import Texture
 
@@ -30,7 +30,6 @@ DIRECTIONS: Final = 12
 ON_REGION: Final = 0.5  # least share of a filter's weight on the region
 MAX_OF_REGION: Final = 0.2  # largest share of a region; a larger mark moves the fit to the region
 MIN_GAIN: Final = 0.5  # least share of a whole spot's response that still measures a mark
-FLATTEST: Final = MAX_INCIDENCE_COS  # a surface seen flatter is not in sight
 NEAR_NODES: Final = 20.0  # distance over which a face's texture may differ
 CLIPPED: Final = 3.0  # most that a node adds to a face's scatter, in standard deviations
 WRONG_SHAPE: Final = 0.5  # share of a predicted change that may be wrong, as at a highlight
@@ -423,7 +422,7 @@ class _Nodes:
     def __init__(self, answer: Answers, texture: Texture, cosine: Float32Array) -> None:
         self.inside: BoolArray = texture.region > 0
         region = texture.region[self.inside]
-        self.slant = np.clip(cosine[self.inside], FLATTEST, 1.0)
+        self.slant = np.clip(cosine[self.inside], FLATTEST_COS, 1.0)
         self._area = np.bincount(region)[region]
         self._aslant = np.interp(self.slant, *_aslant())
         self._gain = answer.gain[:, self.inside]
@@ -480,7 +479,7 @@ def _aslant() -> tuple[FloatArray, FloatArray]:
     """
     v, u = np.mgrid[-6:6.01:0.05, -6:6.01:0.05]
     bells = [np.exp(-0.5 * (u**2 + v**2) / s**2) / s**2 for s in (1.0, SURROUND)]
-    cosines = np.linspace(FLATTEST, 1.0, 12)
+    cosines = np.linspace(FLATTEST_COS, 1.0, 12)
     gains = []
     for c in cosines:
         disc = (u**2 * c + v**2 / c) <= DISC**2

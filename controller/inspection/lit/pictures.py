@@ -16,8 +16,9 @@ from controller.recognition.fitting import ModelEdgePoints, predict_edges
 
 from .._connected import connected_findings, grow
 from .._pose import PosedPart, PoseFit, point_spread
-from .._scene import MAX_INCIDENCE_COS, ViewScene, Visibility
+from .._scene import ViewScene, Visibility
 from .._types import Check, Finding, FindingKind, InspectionLimits, Unjudged, ViewTask
+from ..limits import EDGE_PLAY_MM, EDGE_PLAY_PX, FLATTEST_COS, POSE_SPREADS
 from ..registration import (
     Registration,
     confirm_edges,
@@ -67,9 +68,6 @@ MIN_OTHER_ERROR: Final = (
 )
 FAINT_GREY: Final = 12.0
 DISC_SHARE: Final = 0.6  # least share of a defect's disc on compared pixels
-EDGE_PLAY_MM: Final = 0.3  # tolerance for broken edges and for features out of place
-EDGE_PLAY_PX: Final = 2.0  # blur of the edge and of the filters, three standard deviations
-POSE_SPREADS: Final = 2.0  # standard deviations of the pose by which an edge may be off
 SPREAD_NODES: Final = 8  # step in nodes: the pose's spread changes slowly
 # Border of a gripper's shadow, which no lamp's size is known well enough for.
 SHADOW_NODES: Final = 5
@@ -193,7 +191,7 @@ class LitPictures:
     def _off_edges(self) -> BoolArray:
         """Nodes in sight (h, w), off the gripper and off edges."""
         off = self._surface.seen & self._free & (self._edge_px > 0)
-        return np.asarray(off & (self._surface.cosine > MAX_INCIDENCE_COS))
+        return np.asarray(off & (self._surface.cosine > FLATTEST_COS))
 
     def _spread_px(self) -> Float32Array:
         """Return the uncertainty of the pose at the nodes (h, w), one standard deviation [px]."""

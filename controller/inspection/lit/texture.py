@@ -21,7 +21,7 @@ CREASE_COSINE: Final = float(np.cos(np.radians(8.0)))
 DEPTH_STEP: Final = 4.0  # largest step between nodes, in that of a plane seen as flat as allowed
 MIN_REGION: Final = 60  # least number of nodes for the course of a face's brightness
 FITTED_COUNT: Final = 3000  # largest number of a face's nodes in the fit
-ROUNDS: Final = 4
+FIT_ROUNDS: Final = 4
 OUTLYING: Final = 2.5  # robust standard deviations from which a node loses weight
 SLOW_NODES: Final = 14.0  # length above which changes are due to finish or light
 DARKEST_GREY: Final = 6.0  # level below which contrast is relative to this level
@@ -166,7 +166,7 @@ def _smooth(
     weight = np.ones(len(b))
     ridge = 1e-6 * len(b) * np.eye(terms.shape[1])
     solution = np.zeros(terms.shape[1])
-    for _ in range(ROUNDS):
+    for _ in range(FIT_ROUNDS):
         weighed = terms * weight[:, None]
         solution = np.linalg.solve(weighed.T @ terms + ridge, weighed.T @ b)
         off = np.abs(b - terms @ solution)

@@ -26,7 +26,7 @@ from ..edges.rims import COAXIAL_COS
 MIN_AREA_MM2: Final = 10.0
 SAME_LEVEL_MM: Final = 0.02
 MIN_DISTANCE_MM: Final = 0.5  # smallest size in ISO 2768-1
-MIN_SHARE: Final = 0.5  # least share of the smaller plane that lies opposite the other
+MIN_OPPOSITE_SHARE: Final = 0.5  # least share of the smaller plane that lies opposite the other
 SAMPLES_PER_MM2: Final = 1.0 / 16.0
 MIN_SAMPLES: Final = 24
 OFF_MM: Final = 0.02
@@ -204,7 +204,7 @@ def _joined(
             for high in planes[i + 1 :]
             if low.sign == (1 if gap else -1)
             and high.sign == -low.sign
-            and opposite.share(low, high, gap=gap) >= MIN_SHARE
+            and opposite.share(low, high, gap=gap) >= MIN_OPPOSITE_SHARE
         ]
         facing.sort(key=lambda pair: round(pair[1].level_mm - pair[0].level_mm, 2))
         wanted += [(low, high, kind, word) for low, high in facing]
