@@ -66,7 +66,7 @@ class Kept:
 def stage(
     function: Callable[Concatenate[Kept, Arguments], Made],
 ) -> Callable[Concatenate[Kept, Arguments], Made]:
-    """Make a function a stage: what it has made of the same arguments is taken from the cache.
+    """Return a function as a stage: what it has made of the same arguments is kept.
 
     Parameters
     ----------

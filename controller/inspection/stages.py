@@ -46,7 +46,13 @@ from .view import ComparedView, NotEvaluated, Strictness, compare_view, outline_
 
 @stage
 def outlined_view(kept: Kept, view: PicturedView) -> OutlinedView | NotEvaluated:
-    """Return the outline in a view's picture before the panel, or the reason for none."""
+    """Return the outline in a view's picture before the panel, or the reason for none.
+
+    Parameters
+    ----------
+    kept : cache
+    view : with its pictures
+    """
     return outline_view(view)
 
 
@@ -54,7 +60,15 @@ def outlined_view(kept: Kept, view: PicturedView) -> OutlinedView | NotEvaluated
 def grasp_pose(
     kept: Kept, part: PosedPart, settings: PoseSettings, *views: OutlinedView
 ) -> GraspPose | None:
-    """Return the pose of a part in the jaws from the outlines of a grasp; None if none is near."""
+    """Return the pose of a part in the jaws from the outlines of a grasp; None if none is near.
+
+    Parameters
+    ----------
+    kept : cache
+    part : the CAD model
+    settings : what is known of arm, parts and light
+    views : all views of the grasp that have an outline
+    """
     return fit_grasp(part, views, settings)
 
 
@@ -67,7 +81,13 @@ def compared_view(
     pose: ViewPose | None,
     strictness: Strictness,
 ) -> ComparedView | NotEvaluated:
-    """Return a view's pictures at the part's pose; large, and forgotten once there is a result."""
+    """Return a view's pictures at the part's pose; large, and forgotten once there is a result.
+
+    Parameters
+    ----------
+    kept : cache
+    part, samples, outlined, pose, strictness : see `compare_view`
+    """
     return compare_view(part, samples, outlined, pose, strictness)
 
 
@@ -80,7 +100,13 @@ def view_polish(
     pose: ViewPose | None,
     strictness: Strictness,
 ) -> tuple[Polish, ...]:
-    """Return what a view's pictures tell about how polished the finish is."""
+    """Return what a view's pictures tell about how polished the finish is.
+
+    Parameters
+    ----------
+    kept : cache
+    part, samples, outlined, pose, strictness : see `compare_view`
+    """
     compared = compared_view(kept, part, samples, outlined, pose, strictness)
     return () if isinstance(compared, NotEvaluated) else compared.lit.polish
 
@@ -95,7 +121,14 @@ def view_result(
     strictness: Strictness,
     finish: Finish,
 ) -> ViewResult:
-    """Return a view's result by what is known of the finish."""
+    """Return a view's result by what is known of the finish.
+
+    Parameters
+    ----------
+    kept : cache
+    part, samples, outlined, pose, strictness : see `compare_view`
+    finish : what the pictures so far tell of it
+    """
     compared = compared_view(kept, part, samples, outlined, pose, strictness)
     kept.forget(compared_view, part, samples, outlined, pose, strictness)
     if isinstance(compared, NotEvaluated):
@@ -107,7 +140,15 @@ def view_result(
 def posed_view(
     kept: Kept, outlined: OutlinedView, pose: ViewPose, passed: tuple[str, ...] | None
 ) -> PosedView:
-    """Return a view at the part's pose, with the pictures that passed, or with all."""
+    """Return a view at the part's pose, with the pictures that passed, or with all.
+
+    Parameters
+    ----------
+    kept : cache
+    outlined : the view
+    pose : measured pose
+    passed : lamps whose pictures passed their self-checks; None for all
+    """
     view = outlined.view
     return PosedView(
         view.task,
@@ -125,7 +166,13 @@ def posed_view(
 def dimensions_sought(
     kept: Kept, part: PosedPart, characteristics: tuple[Characteristic, ...]
 ) -> tuple[Sought, ...]:
-    """Return the features to seek in pictures."""
+    """Return the features to seek in pictures.
+
+    Parameters
+    ----------
+    kept : cache
+    part, characteristics : see `seek_all`
+    """
     return seek_all(part, characteristics)
 
 
@@ -137,13 +184,25 @@ def dimension_looks(
     view: PosedView,
     settings: MeasuringSettings,
 ) -> list[DimensionLooks]:
-    """Return the estimates of all that is sought from a view's pictures."""
+    """Return the estimates of all that is sought from a view's pictures.
+
+    Parameters
+    ----------
+    kept : cache
+    part, sought, view, settings : see `look_for`
+    """
     return look_for(part, sought, view, settings)
 
 
 @stage
 def part_edges(kept: Kept, solid: Solid, pixel_mm: float) -> PartEdges | None:
-    """Return the edges of a part at the density of the closest view."""
+    """Return the edges of a part at the density of the closest view.
+
+    Parameters
+    ----------
+    kept : cache
+    solid, pixel_mm : see `find_edges`
+    """
     return find_edges(solid, pixel_mm)
 
 
@@ -156,7 +215,15 @@ def edge_looks(
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> list[EdgeLook]:
-    """Return the looks at a part's edges in a view's pictures."""
+    """Return the looks at a part's edges in a view's pictures.
+
+    Parameters
+    ----------
+    kept : cache
+    part, edges, view : see `look_at_edges`
+    allowances : allowed deviations of a good part
+    settings : prior uncertainties
+    """
     allowed = allowed_mm(part, allowances.tolerance_class)
     return look_at_edges(part, edges, view, allowed, settings)
 
@@ -296,7 +363,16 @@ def looks_at_dimensions(
     settings: MeasuringSettings,
     kept: Kept,
 ) -> Iterator[list[DimensionLooks]]:
-    """Yield each view's estimates of all characteristics that a picture may show."""
+    """Yield each view's estimates of all characteristics that a picture may show.
+
+    Parameters
+    ----------
+    part : the CAD model
+    characteristics : characteristics to measure
+    views : in which the pose is known
+    settings : prior uncertainties
+    kept : cache
+    """
     sought = dimensions_sought(kept, part, characteristics)
     for view in views:
         yield dimension_looks(kept, part, sought, view, settings)
@@ -305,7 +381,15 @@ def looks_at_dimensions(
 def looks_at_edges(
     part: PosedPart, views: Sequence[PosedView], settings: PartSettings, kept: Kept
 ) -> Iterator[list[EdgeLook]]:
-    """Yield each view's looks at the part's edges, at the density of the closest view."""
+    """Yield each view's looks at the part's edges, at the density of the closest view.
+
+    Parameters
+    ----------
+    part : the CAD model
+    views : with the pictures that passed their self-checks
+    settings : how strictly
+    kept : cache
+    """
     edges = edges_seen(part, views, kept)
     for view in views if edges is not None else ():
         assert edges is not None
@@ -313,5 +397,12 @@ def looks_at_edges(
 
 
 def edges_seen(part: PosedPart, views: Sequence[PosedView], kept: Kept) -> PartEdges | None:
-    """Return the part's edges at the density of the closest view; None without edges or views."""
+    """Return the part's edges at the density of the closest view; None without edges or views.
+
+    Parameters
+    ----------
+    part : the CAD model
+    views : with the pictures that passed their self-checks
+    kept : cache
+    """
     return part_edges(kept, part.solid, closest_pixel_mm(views)) if views else None

@@ -31,7 +31,7 @@ MARGIN_PX: Final = 40  # width beyond the outline that is searched for extra mat
 NEAR_PX: Final = 6  # distance from unjudged pixels within which the observed outline ends
 # Distance to either side of a lost point at which the picture is tested as dark or bright.
 INSIDE_PX: Final = 2.0
-MOST: Final = 0.5  # share of some points above which it is most of them
+MAJORITY: Final = 0.5  # share of some points above which it is most of them
 LIGHT_SIGMAS: Final = 2.0  # allowance for light on an edge as a whole, in standard deviations
 REACH_PX: Final = 4.0  # margin about a run for its blurred surroundings
 MAX_RUNS: Final = 40  # largest number of runs tested as blurred corners; more have another cause
@@ -235,7 +235,7 @@ class _Look:
         if not here.any():
             return False
         rest = np.abs(self.off_px[points] - beyond)[here]
-        return bool((np.abs(beyond[here]) > np.maximum(rest, CLEARLY_PX)).mean() > MOST)
+        return bool((np.abs(beyond[here]) > np.maximum(rest, CLEARLY_PX)).mean() > MAJORITY)
 
     def near(self, box_px: tuple[int, int, int, int]) -> IntArray:
         """Return the outline points in or beside a box of the picture."""
@@ -311,7 +311,7 @@ class _Look:
             if -run.depth_px < rounded_px and run.length_px < rounded_px:
                 return None  # a notch this small may be a corner rounded by blur
             is_sharp = faces[run.points, 0] != faces[run.points, 1]
-            return FindingKind.CHIP if is_sharp.mean() > MOST else FindingKind.MISSING
+            return FindingKind.CHIP if is_sharp.mean() > MAJORITY else FindingKind.MISSING
         grain_px = self.task.limits.dust_mm / self.mm
         if run.depth_px < max(BURR_PX, grain_px) and run.length_px < max(CHIP_PX, 2 * grain_px):
             return None
