@@ -128,7 +128,7 @@ def main() -> int:
         for number, recipe in enumerate(args.recipes):
             rows.append(run_one(recipe, args.seed + number, args.speed, Path(folder)))
     show(args, rows, {"wall s": time.monotonic() - started})
-    return 0
+    return int(any(row["exit"] for row in rows))
 
 
 if __name__ == "__main__":
