@@ -188,24 +188,6 @@ def judge(
     )  # fmt: skip
     verified_share = _verified(samples, faces, compared, in_sight, planned, not_inspected)
     claim = _claim(evaluated)
-    is_failed = any(one.verdict is Verdict.FAIL for one in placed)
-    # Findings against the part come first, whatever else is open.
-    reasons: list[str] = [
-        one.sentence(solid)
-        if one.verdict is Verdict.FAIL
-        else f"unconfirmed: {one.sentence(solid)}"
-        for one in placed
-        if one.verdict is Verdict.FAIL or not is_failed
-    ]
-    failures = [failure for view in views for failure in view.failures]
-    missing = _not_made_good(samples, views, planned)
-    stops: list[str] = []
-    if not evaluated or verified_share < min_coverage:
-        stops.append(
-            f"{100 * verified_share:.1f} % of what can be seen is verified, "
-            f"{100 * min_coverage:.1f} % is required"
-        )
-    stops += [f"{view_id}: no other view made good what it was to show" for view_id in missing]
     short = [
         f
         for f in faces
@@ -213,13 +195,24 @@ def judge(
         and f.face_id not in not_inspected
         and f.reason != TOO_SMALL
     ]
-    stops += [
-        f"{f.label}: {100 * f.compared_fraction:.0f} % compared, "
-        f"{100 * MIN_FACE_SHARE:.0f} % is required; {f.reason}"
-        for f in short
+    stops: list[str] = []
+    if not evaluated or verified_share < min_coverage:
+        stops.append(
+            f"{100 * verified_share:.1f} % of what can be seen is verified, "
+            f"{100 * min_coverage:.1f} % is required"
+        )
+    missing = _not_made_good(samples, views, planned)
+    stops += [f"{view_id}: no other view made good what it was to show" for view_id in missing]
+    stops += _too_little(short)
+    is_failed = any(one.verdict is Verdict.FAIL for one in placed)
+    # Findings against the part come first, whatever else is open.
+    reasons = [
+        one.sentence(solid)
+        if one.verdict is Verdict.FAIL
+        else f"unconfirmed: {one.sentence(solid)}"
+        for one in placed
+        if one.verdict is Verdict.FAIL or not is_failed
     ]
-    if short:
-        stops.append(GIVEN_UP)
     if is_failed:
         verdict = Verdict.FAIL
     elif placed or stops:
@@ -231,29 +224,60 @@ def judge(
             f"{100 * compared_share:.1f} % of the surface compared in "
             f"{len(evaluated)} views: {claim}"
         )
-        by_edges = [f for f in faces if f.is_by_edges]
-        if by_edges:
-            share = sum(f.area_mm2 for f in by_edges) / sum(f.area_mm2 for f in faces)
-            reasons.append(
-                f"{len(by_edges)} of {len(faces)} faces, {100 * share:.1f} % of the surface, are "
-                "verified by their edges, not by their surface"
-            )
-    reasons += failures
-    counted = count_caution(samples, limits.smallest_defect_mm)
-    if counted:
-        reasons.append(counted.removesuffix("."))
-    if not_inspected:
-        left = sum(f.area_mm2 for f in faces if f.face_id in not_inspected)
-        share = left / sum(f.area_mm2 for f in faces)
-        reasons.append(
-            f"the recipe leaves out {len(not_inspected)} of {len(faces)} faces, "
-            f"{100 * share:.1f} % of the surface"
-        )
+        reasons += _by_edges(faces)
+    reasons += [failure for view in views for failure in view.failures]
+    reasons += _cautions(samples, faces, limits, not_inspected)
     return PartVerdict(
         verdict, tuple(reasons), faces, compared_share, placed, in_sight_share, claim,
         short_faces=tuple(f.face_id for f in short), compared_U=uncertainty_of(samples, compared),
         verified_fraction=verified_share,
     )  # fmt: skip
+
+
+def _too_little(short: Sequence[FaceVerdict]) -> list[str]:
+    """Return what stops a PASS: faces compared too little, in sentences."""
+    named = [
+        f"{f.label}: {100 * f.compared_fraction:.0f} % compared, "
+        f"{100 * MIN_FACE_SHARE:.0f} % is required; {f.reason}"
+        for f in short
+    ]
+    return [*named, GIVEN_UP] if named else []
+
+
+def _by_edges(faces: Sequence[FaceVerdict]) -> list[str]:
+    """Return a sentence on the faces that their edges verify; none where there are none."""
+    by_edges = [f for f in faces if f.is_by_edges]
+    if not by_edges:
+        return []
+    return [
+        f"{len(by_edges)} of {len(faces)} faces, {_percent(by_edges, faces)} of the surface, are "
+        "verified by their edges, not by their surface"
+    ]
+
+
+def _cautions(
+    samples: SurfaceSamples,
+    faces: Sequence[FaceVerdict],
+    limits: InspectionLimits,
+    not_inspected: Mapping[int, str],
+) -> list[str]:
+    """Return what limits any verdict: sparse samples, and faces that the recipe leaves out."""
+    out = []
+    counted = count_caution(samples, limits.smallest_defect_mm)
+    if counted:
+        out.append(counted.removesuffix("."))
+    if not_inspected:
+        left = [f for f in faces if f.face_id in not_inspected]
+        out.append(
+            f"the recipe leaves out {len(not_inspected)} of {len(faces)} faces, "
+            f"{_percent(left, faces)} of the surface"
+        )
+    return out
+
+
+def _percent(some: Sequence[FaceVerdict], faces: Sequence[FaceVerdict]) -> str:
+    share = sum(f.area_mm2 for f in some) / sum(f.area_mm2 for f in faces)
+    return f"{100 * share:.1f} %"
 
 
 def _verified(
