@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from controller.arrays import BoolArray, FloatArray, IndexArray, inner, lengths
+from controller.arrays import BoolArray, FloatArray, IndexArray, inner, lengths, median
 from controller.cad import Recess, Solid, SurfaceSamples, find_recesses
 from controller.imaging import transform
 
@@ -211,12 +211,15 @@ def _floors(
 def _best_cosine(solid: Solid, samples: SurfaceSamples, views: Sequence[PosedView]) -> FloatArray:
     """Return the largest cosine of incidence over all views at each face's middle (f,)."""
     out = np.zeros(len(solid.faces))
+    order = np.argsort(samples.face_ids, kind="stable")
+    points, normals = samples.points_mm[order], samples.normals[order]
+    faces, begins = np.unique(samples.face_ids[order], return_index=True)
     for one in views:
         T = one.T_world_part_measured
-        towards = one.task.camera.position_mm - transform(T, samples.points_mm)
-        normals = samples.normals @ T[:3, :3].T
-        cosine = inner(towards, normals) / lengths(towards)
-        for face in np.unique(samples.face_ids[cosine > FLATTEST_COS]).tolist():
-            mine = (samples.face_ids == face) & (cosine > FLATTEST_COS)
-            out[face] = max(out[face], float(np.median(cosine[mine])))
+        towards = one.task.camera.position_mm - transform(T, points)
+        cosine = inner(towards, normals @ np.ascontiguousarray(T[:3, :3].T)) / lengths(towards)
+        for face, of_face in zip(faces.tolist(), np.split(cosine, begins[1:]), strict=True):
+            shown = of_face[of_face > FLATTEST_COS]
+            if len(shown):
+                out[face] = max(out[face], median(shown))
     return out
