@@ -196,10 +196,45 @@ class _Predicted:
     rims: Rims
     design: sp.csr_matrix  # (n, m): grasp, views, faces, size, light in each view
     edges: sp.csr_matrix  # (n, e) edge of each point
+    by_edge: "_ByEdge"
     correlated: float  # number of points with correlated noise of the picture
     along: float  # number of points with a common error along an edge
     noise_px: FloatArray
     pixel_mm: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _ByEdge:
+    """Design of a view edge by edge: the points of one depend on the same few unknowns."""
+
+    order: IntArray  # (n,) points, those of each edge one after the other
+    begins: IntArray  # (e,) first of each edge among them
+    values: FloatArray  # (n, c) their derivatives
+    at: IntArray  # (e, c, c) places of an edge's normal equations among all, flat
+
+    def add(
+        self, information: FloatArray, weight: FloatArray, known: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Add the normal equations of all points, less what an edge has in common.
+
+        Return the sum of each edge's weighted derivatives (e, c), and the unknowns (e, c).
+
+        Parameters
+        ----------
+        information : (m, m) gets them
+        weight : (n,) of each point, in their original order
+        known : (e,) information on the common offset of each edge
+        """
+        size = len(information)
+        weighted = self.values * weight[self.order, None]
+        ends = [*self.begins[1:].tolist(), len(self.order)]
+        together = np.add.reduceat(weighted, self.begins, axis=0)
+        blocks = together[:, :, None] * (-together / known[:, None])[:, None, :]
+        for block, begin, end in zip(blocks, self.begins.tolist(), ends, strict=True):
+            block += weighted[begin:end].T @ self.values[begin:end]
+        added = np.bincount(self.at.ravel(), blocks.ravel(), minlength=size * size)
+        information += added.reshape(size, size)
+        return together, self.at[:, 0, :] % size
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -326,12 +361,16 @@ def _predict(part: PosedPart, placed: _Placed, number: int, count: int) -> _Pred
     n = len(rims.points.pixels)
     first = 6 + 6 * count
     last = first + FREEDOMS * len(part.solid.faces)
+    # an edge's two faces in one order, whichever is in front
+    turned = rims.faces[:, 0] > rims.faces[:, 1]
+    faces = np.where(turned[:, None], rims.faces[:, ::-1], rims.faces)
+    per_face = np.where(turned[:, None, None], rims.per_face[:, ::-1], rims.per_face)
     rows = np.repeat(np.arange(n), 16 + 2 * FREEDOMS)
     columns = np.hstack(
         [
             np.tile(np.arange(6), (n, 1)),
             np.tile(np.arange(6 + 6 * number, 12 + 6 * number), (n, 1)),
-            *(first + FREEDOMS * rims.faces[:, [k]] + np.arange(FREEDOMS) for k in (0, 1)),
+            *(first + FREEDOMS * faces[:, [k]] + np.arange(FREEDOMS) for k in (0, 1)),
             np.tile(last + np.arange(3), (n, 1)),
             np.full((n, 1), last + 3 + number),
         ]
@@ -342,7 +381,7 @@ def _predict(part: PosedPart, placed: _Placed, number: int, count: int) -> _Pred
         [
             rims.jacobian,
             rims.jacobian,
-            *(rims.per_face[:, k] for k in (0, 1)),
+            *(per_face[:, k] for k in (0, 1)),
             rims.jacobian[:, :3] * from_centre,
             np.ones((n, 1)),
         ]
@@ -350,9 +389,15 @@ def _predict(part: PosedPart, placed: _Placed, number: int, count: int) -> _Pred
     shape = (n, last + 3 + count)
     design = sp.csr_matrix((values.ravel(), (rows, columns.ravel())), shape=shape)
     edge = _edges(rims)
+    order = np.argsort(edge, kind="stable")
+    begins = np.flatnonzero(np.diff(edge[order], prepend=-1))
+    unknowns = columns[order[begins]]
     return _Predicted(
         rims=rims,
         design=design,
+        by_edge=_ByEdge(
+            order, begins, values[order], unknowns[:, :, None] * shape[1] + unknowns[:, None, :]
+        ),
         edges=sp.csr_matrix((np.ones(n), (np.arange(n), edge)), shape=(n, edge.max(initial=0) + 1)),
         correlated=max(1.0, CORRELATED_PX * pixel_mm / rims.points.step_mm),
         along=max(1.0, ALONG_MM / rims.points.step_mm),
@@ -449,12 +494,12 @@ def _solve(
         shape = one.design @ moved
         left = gap - shape
         weight = _weights(one, left, shape, prior.settings, share)
-        design = sp.diags(weight) @ one.design
         common, known = _common(one, left, weight, prior.settings)
-        together = (one.edges.T @ design).toarray()
-        information += (one.design.T @ design).toarray()
-        information -= (together / known[:, None]).T @ together
-        pull += design.T @ np.nan_to_num(left) - together.T @ common
+        together, unknowns = one.by_edge.add(information, weight, known)
+        pull += one.design.T @ (weight * np.nan_to_num(left))
+        pull -= np.bincount(
+            unknowns.ravel(), (together * common[:, None]).ravel(), minlength=len(x)
+        )
     step = np.linalg.solve(information, pull)
     return _Solved(information, np.asarray(step, dtype=np.float64))
 
