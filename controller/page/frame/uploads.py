@@ -51,7 +51,7 @@ async def received(request: Request, upload: Upload) -> AsyncIterator[Uploaded]:
 
     Raises
     ------
-    RefusedError : name, size, time or content is not allowed, or the disk is full
+    RequestRefusedError : name, size, time or content is not allowed, or the disk is full
     """
     name = request.query_params.get("name", "")
     if not NAME.fullmatch(name):
@@ -100,7 +100,7 @@ def require_sound_archive(path: Path) -> None:
 
     Raises
     ------
-    RefusedError : it has too many entries, or they are too large or packed too well
+    RequestRefusedError : it has too many entries, or they are too large or packed too well
     """
     if not zipfile.is_zipfile(path):
         return

@@ -35,7 +35,7 @@ def write_list(sent: Path, to: Path, choices: Choices, project_dir: Path) -> Map
 
     Raises
     ------
-    RefusedError : it cannot be read, or names a recipe that may not be started
+    RequestRefusedError : it cannot be read, or names a recipe that may not be started
     """
     parts = _parts(sent)
     found: dict[str, RecipeChoice] = {}

@@ -233,7 +233,7 @@ class Launcher:
 
         Raises
         ------
-        RefusedError : it cannot be read or kept, or names a recipe that may not be started
+        RequestRefusedError : it cannot be read or kept, or names a recipe that may not be started
         """
         key = secrets.token_hex(8)
         folder = self._runs_dir / LOG_FOLDER
@@ -272,7 +272,8 @@ class Launcher:
 
         Raises
         ------
-        RefusedError : a run is on, another start goes on, or there is no such recipe or cell file
+        RequestRefusedError : a run is on, another start goes on, or there is no such recipe or
+            cell file
         """
         async with self._one_at_a_time:
             if self._work is not None and self._work.process.poll() is None:
@@ -303,7 +304,7 @@ class Launcher:
 
         Raises
         ------
-        RefusedError : there is none
+        RequestRefusedError : there is none
         """
         if self._work is None or self._work.process.poll() is not None:
             raise RequestRefusedError(409, word("no run is being prepared that was started here"))
@@ -366,7 +367,7 @@ def require_known(body: StartBody, choices: Choices) -> None:
 
     Raises
     ------
-    RefusedError : one of them is not, or cannot be used
+    RequestRefusedError : one of them is not, or cannot be used
     """
     named = [(one.recipe, choices.recipe(one.recipe)) for one in body.recipes]
     for name, found in (*named, *([(body.cell, choices.cell(body.cell))] if body.cell else [])):
