@@ -19,9 +19,11 @@ sys.path.insert(0, str(HERE))
 
 from bench import LEFT_OUT, ROOT, Arguments, show  # noqa: E402  (path set above)
 
-QUICK_LIMIT_S = 600.0  # of one benchmark's reduced form; the longest takes a fifth on two cores
+QUICK_LIMIT_S = 600.0  # of one benchmark's reduced form, before it is given up
 ENDS = {0: "held", 1: "not held", LEFT_OUT: "left out"}
-NAMES = sorted([f.stem for f in HERE.glob("bench_*.py")] + ["paper_widget", "plan_digests"])
+NAMES = sorted(
+    [f.stem for f in HERE.glob("bench_*.py")] + ["paper_widget", "plan_digests", "trace_held_check"]
+)
 
 
 def run(name: str, *, quick: bool) -> dict[str, Any]:

@@ -14,9 +14,11 @@ import sys
 import cv2
 import numpy as np
 import trimesh
+from bench import Arguments, leave_out, show
 from numpy.typing import NDArray
 from trace_held_light import Sight, Thing, trace_view
 from trace_held_parts import rod, triangles_of
+from trace_scene import NoTracerError
 
 from controller.imaging import Camera
 
@@ -103,11 +105,18 @@ def check() -> dict[str, tuple[float, float]]:
 
 
 def main() -> int:
-    wrong = False
-    for name, (mean, spread) in check().items():
-        print(f"{name:6} outline off by {mean:+.4f} px, spread {spread:.4f} px")
-        wrong |= abs(mean) > MAX_BIAS_PX or spread > MAX_SPREAD_PX
-    return int(wrong)
+    args = Arguments(__doc__).parse_args()
+    try:
+        found = check()
+    except NoTracerError as error:
+        leave_out(str(error))
+    rows = [
+        {"outline": name, "off px": mean, "spread px": spread}
+        for name, (mean, spread) in found.items()
+    ]
+    show(args, rows, {"asked": {"off px": MAX_BIAS_PX, "spread px": MAX_SPREAD_PX}})
+    good = [abs(off) <= MAX_BIAS_PX and spread <= MAX_SPREAD_PX for off, spread in found.values()]
+    return int(not all(good))
 
 
 if __name__ == "__main__":
