@@ -23,7 +23,7 @@ from controller.cell.compute import Compute, Holder, Job, Located, context
 from controller.cell.custody import ALONE, Around
 from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
 from controller.cell.services import plain_name
-from controller.config.view_set import load_view_set, parse_view_set
+from controller.config.view_set import load_view_set, parse_view_set, unpacked
 from controller.imaging import Camera, inverse_pose, transform
 from controller.inspection.characteristics import (
     Characteristic,
@@ -401,10 +401,12 @@ class StandIns(Compute):
         return False
 
     async def judge(self, set_path: Path) -> inspecting.PartInspection:
-        """Return the verdict on a good part by the share of it that was in sight."""
+        """Return the verdict on a good part by how much of what was planned was in sight."""
         await self._take("judge")
         c = self._context
-        seen = np.zeros(len(c.samples.points_mm), dtype=bool)
+        count = len(c.samples.points_mm)
+        seen, planned = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        results = []
         file = load_view_set(set_path)
         for view in file.views:
             is_held = view.camera is None
@@ -414,16 +416,38 @@ class StandIns(Compute):
             boxes = tuple(
                 inspecting.WorldBox(np.array(b.T), np.array(b.half_mm)) for b in view.gripper_boxes
             )
+            compared, reason = np.zeros(count, dtype=bool), "no part"
             if custody == ("arm" if is_held else "free"):
-                camera = c.inspection if is_held else c.overhead
-                seen |= self._in_sight(T, boxes, camera)
-        share = float(self.weights[seen].sum())
+                compared = self._in_sight(T, boxes, c.inspection if is_held else c.overhead)
+                reason = ""
+            seen |= compared
+            if view.planned is not None:
+                planned |= unpacked(view.planned, count)
+            results.append(
+                inspecting.ViewResult(
+                    view_id=view.id,
+                    evaluated=not reason,
+                    reason=reason,
+                    T_world_part_expected=T,
+                    T_world_part_measured=None if reason else T,
+                    shift_mm=0.0,
+                    turn_rad=0.0,
+                    residual_px=0.1,
+                    findings=(),
+                    compared=compared,
+                    outline_px=np.zeros((0, 2)),
+                )
+            )
+        can_be_seen = seen | planned
+        share = float(self.weights[seen].sum() / max(self.weights[can_be_seen].sum(), 1e-9))
         enough = share >= c.recipe.inspection.min_coverage
         verdict = inspecting.Verdict.PASS if enough else inspecting.Verdict.INDETERMINATE
-        reason = f"{100 * share:.0f} % of the surface was in sight"
+        reason = f"{100 * share:.0f} % of what was planned was in sight"
         ledger = inspecting.PartVerdict(verdict, (reason,), (), share, (), share, "a good part")
         off = tuple(inspecting.ViewOff(f"V{i}", 0, MEASURED_MM, MEASURED_RAD) for i in range(3))
-        return inspecting.PartInspection(verdict, (reason,), (), (BORE,), (), ledger, off=off)
+        return inspecting.PartInspection(
+            verdict, (reason,), tuple(results), (BORE,), (), ledger, off=off
+        )
 
     def _off(self, T: Array, T_expected: Array) -> tuple[float, float]:
         moved = T[:3, :3] @ T_expected[:3, :3].T
