@@ -10,7 +10,6 @@ from controller.recognition.grey import (
     ViewHypothesis,
     feature_index,
     image_features,
-    matches,
     model_features,
     propose,
     rate,
@@ -131,17 +130,6 @@ def test_mirror_images_are_told_apart_from_poses_that_an_outline_leaves_open() -
     best, second, *_ = rate(features, INDEX, poses)
     assert_is(best, 3, 0.5, np.array([2.0, 1.0]))
     assert second.score < best.score - 0.03
-
-
-def test_matches_are_one_to_one_and_name_the_right_features() -> None:
-    shape = L_PLATE.placed(0.2, np.array([1.0, 2.0]))
-    grey = shown(covered(shape, SIZE, PITCH), table=45, part=170, noise=1.0, seed=1)
-    features = image_features(grey, PLANE)
-    best, *_ = propose(features, INDEX)
-    found = matches(features, INDEX.models[best.model_index], best.turn_rad, best.shift_mm)
-    for pairs, count in ((found.lines, 6), (found.corners, 6), (found.circles, 2)):
-        assert len(pairs) == count
-        assert len(set(pairs[:, 0])) == len(set(pairs[:, 1])) == count
 
 
 @given(st.floats(-60, 60), st.floats(-60, 60), st.floats(0, 2 * np.pi))

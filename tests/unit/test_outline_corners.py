@@ -1,4 +1,4 @@
-"""Boundary strings: lines, arcs and corners of outlines known on paper."""
+"""Corners of outlines known on paper."""
 
 from __future__ import annotations
 
@@ -7,17 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from shapely import Polygon, get_coordinates
 
-from controller.cad import Loop, Stroke
-from controller.recognition.binary import (
-    BoundaryString,
-    NoOutlineError,
-    boundary_string,
-    model_string,
-    size_of_string,
-)
+from controller.recognition.binary import BinaryTolerances, NoOutlineError, outline_corners
+from controller.recognition.binary._corners import find_corners, triangular
 
 Array = NDArray[np.float64]
 ELL = np.array([[0, 0], [60, 0], [60, 20], [25, 20], [25, 45], [0, 45]], dtype=float)
@@ -80,68 +75,22 @@ def rasterised(loops: list[Array], mm_per_px: float = 0.25) -> tuple[list[Array]
     return out, [int(row[3]) >= 0 for row in tree[0]]
 
 
-def only(points: Array) -> BoundaryString:
-    return boundary_string([points], [False])
-
-
 @given(st.floats(-3.1, 3.1), st.integers(0, 10_000))
 @settings(max_examples=25, deadline=None)
-def test_a_polygon_is_its_sides_and_corners_however_it_lies(turn: float, seed: int) -> None:
+def test_a_polygon_has_its_corners_however_it_lies(turn: float, seed: int) -> None:
     lying = turned(ELL, turn, (70.0, -30.0))
-    string = only(noisy(dense(lying), seed))
-    assert not string.is_arc.any()
-    assert len(string.corner_mm) == 6
-    apart = np.linalg.norm(string.corner_mm[:, None] - lying[None], axis=2)
-    assert apart.min(axis=0) == pytest.approx(np.zeros(6), abs=0.1)
-    sides = np.roll(np.linalg.norm(lying - np.roll(lying, -1, axis=0), axis=1), -apart[0].argmin())
-    assert string.length_mm == pytest.approx(sides, abs=1.6)  # trimmed by 0.5 mm at both ends
-    assert np.sort(np.degrees(string.joint_rad)) == pytest.approx([-90, *[90] * 5], abs=1.0)
-    assert string.area_mm2 == pytest.approx(60 * 20 + 25 * 25, rel=2e-3)
-    assert string.perimeter_mm == pytest.approx(210, rel=6e-3)
+    for points in (dense(lying), dense(lying)[::-1]):  # and whichever way it runs
+        found = outline_corners(noisy(points, seed))
+        apart = np.linalg.norm(found.at_mm[:, None] - lying[None], axis=2)
+        assert apart.min(axis=0) == pytest.approx(np.zeros(6), abs=0.1)
+        assert np.sort(np.degrees(found.turn_rad)) == pytest.approx([-90, *[90] * 5], abs=15.0)
 
 
-def test_a_slot_is_two_lines_and_two_half_circles() -> None:
-    for start in (0, 37, 120):
-        string = only(noisy(np.roll(dense(slot(40, 10)), start, axis=0), start))
-        assert sorted(string.is_arc.tolist()) == [False, False, True, True]
-        assert len(string.corner_mm) == 0
-        arcs = string.is_arc
-        assert string.radius_mm[arcs] == pytest.approx([10, 10], abs=0.1)
-        assert np.sort(string.centre_mm[arcs][:, 0]) == pytest.approx([-20, 20], abs=0.15)
-        assert np.degrees(string.turn_rad[arcs]) == pytest.approx([180, 180], abs=12)
-        assert string.turn_rad.sum() + string.joint_rad.sum() == pytest.approx(2 * np.pi, abs=1e-6)
-
-
-def test_a_disc_with_a_bore_is_two_arcs_of_opposite_turn() -> None:
-    string = boundary_string([circle(30), circle(8, (10, 0))], [False, True])
-    assert string.is_arc.tolist() == [True, True]
-    assert string.radius_mm == pytest.approx([30, -8], abs=0.02)
-    assert string.turn_rad == pytest.approx([2 * np.pi, -2 * np.pi], abs=1e-6)
-    assert string.hole_mm == pytest.approx(np.array([[10, 0]]), abs=0.01)
-    size = size_of_string(string)
-    assert size.area_mm2 == pytest.approx(np.pi * (900 - 64), rel=2e-3)
-    assert size.hole_count == 1
-    assert size.hole_area_mm2 == pytest.approx([np.pi * 64], rel=5e-3)
-    assert size.perimeter_mm == pytest.approx(60 * np.pi, rel=2e-3)
-
-
-@pytest.mark.parametrize("radius", [6.0, 9.0, 14.0])
-def test_rounded_corners_are_arcs_of_their_radius(radius: float) -> None:
-    box = Polygon([(0, 0), (80, 0), (80, 50), (0, 50)]).buffer(-radius).buffer(radius, 64)
-    string = only(noisy(dense(get_coordinates(box.exterior)[:-1]), 5))
-    assert len(string.corner_mm) == 0
-    assert string.is_arc.sum() == 4
-    assert string.radius_mm[string.is_arc] == pytest.approx([radius] * 4, rel=0.06)
-    corners = [(x, y) for x in (radius, 80 - radius) for y in (radius, 50 - radius)]
-    apart = np.linalg.norm(string.centre_mm[string.is_arc][:, None] - corners, axis=2)
-    assert apart.min(axis=0).max() < 0.5
-
-
-def test_a_boundary_followed_the_other_way_is_the_same_string() -> None:
-    there, back = only(dense(ELL)), only(dense(ELL)[::-1])
-    assert np.sort(back.corner_turn_rad) == pytest.approx(np.sort(there.corner_turn_rad), abs=0.05)
-    assert back.area_mm2 == pytest.approx(there.area_mm2, rel=1e-6)
-    assert np.sort(back.length_mm) == pytest.approx(np.sort(there.length_mm), abs=0.6)
+def test_round_outlines_have_no_corners() -> None:
+    box = Polygon([(0, 0), (80, 0), (80, 50), (0, 50)]).buffer(-9).buffer(9, 64)
+    rounded = dense(get_coordinates(box.exterior)[:-1])
+    for points in (circle(30), circle(8, (10, 0)), dense(slot(40, 10)), rounded):
+        assert len(outline_corners(noisy(points, 5)).at_mm) == 0
 
 
 @given(st.integers(0, 10_000))
@@ -156,90 +105,61 @@ def test_random_polygons_have_their_own_corners(seed: int) -> None:
     first = np.arctan2(*side[0][::-1]) - np.arctan2(*side[-1][::-1])
     bend = np.abs(np.angle(np.exp(1j * np.append(bend[:-1], first))))
     bend = np.roll(bend, 1)  # of the corner each side begins at
-    string = only(noisy(dense(corners), seed))
-    apart = np.linalg.norm(string.corner_mm[:, None] - corners[None], axis=2)
+    found = outline_corners(noisy(dense(corners), seed))
+    apart = np.linalg.norm(found.at_mm[:, None] - corners[None], axis=2)
     assert (apart.min(axis=1) < 0.6).all()  # no corner is invented
     clear = bend > np.radians(30)
     assert (apart.min(axis=0)[clear] < 0.6).all()  # and none that is one is lost
 
 
-def test_blurred_pixels_give_the_string_of_the_shape() -> None:
+def test_blurred_pixels_have_the_corners_of_the_shape() -> None:
     lying = turned(ELL, 0.7)
-    loops, holes = rasterised([lying, turned(circle(5, (12, 30)), 0.7)])
-    string = boundary_string(loops, holes)
-    assert len(string.corner_mm) == 6
-    apart = np.linalg.norm(string.corner_mm[:, None] - lying[None], axis=2).min(axis=0)
+    (outline, *_), (is_hole, *_) = rasterised([lying])
+    assert not is_hole
+    found = outline_corners(outline)
+    apart = np.linalg.norm(found.at_mm[:, None] - lying[None], axis=2).min(axis=0)
+    assert len(found.at_mm) == 6
     assert apart.max() < 0.25  # a pixel
-    assert string.hole_area_mm2 == pytest.approx([25 * np.pi], rel=0.03)
 
 
-def test_a_string_needs_an_outer_loop() -> None:
-    with pytest.raises(NoOutlineError, match="no outer loop"):
-        boundary_string([circle(5)], [True])
-
-
-def test_a_line_there_and_back_encloses_nothing() -> None:
+def test_what_encloses_nothing_has_no_corners() -> None:
+    with pytest.raises(NoOutlineError, match="at least 3"):
+        outline_corners(np.zeros((2, 2)))
     there = np.column_stack([np.arange(40.0), np.zeros(40)])
     with pytest.raises(NoOutlineError, match="encloses nothing"):
-        boundary_string([np.concatenate([there, there[::-1]])], [False])
+        outline_corners(np.concatenate([there, there[::-1]]))
 
 
-def stroke_line(p: Array, q: Array) -> Stroke:
-    return Stroke(p, q, None, None, 0.0, 0, -1)
+def test_finer_pixels_than_a_quarter_mm_change_no_tolerance() -> None:
+    assert BinaryTolerances.for_pixels(0.05) == BinaryTolerances()
+    assert BinaryTolerances.for_pixels(0.5).corner_box_mm == pytest.approx(2.0)
+    assert BinaryTolerances.for_pixels(1.0).corner_box_mm == pytest.approx(4.0)
 
 
-def loop_of(strokes: list[Stroke], is_hole: bool = False) -> Loop:
-    points = np.array([stroke.start for stroke in strokes])
-    none = np.full(len(points), -1, dtype=np.int32)
-    return Loop(points, none, none, np.zeros(len(points), bool), is_hole, tuple(strokes))
+# --- the filter ----------------------------------------------------------------------------------
 
 
-def test_a_models_strokes_give_the_string_of_its_shape() -> None:
-    # half a disc of radius 20: one line, one half circle
-    a, b = np.array([-20.0, 0.0]), np.array([20.0, 0.0])
-    arc = Stroke(b, a, np.zeros(2), 20 * np.eye(2), np.pi, 0, -1)
-    string = model_string([loop_of([stroke_line(a, b), arc])])
-    assert string.is_arc.tolist() in ([False, True], [True, False])
-    assert string.radius_mm.max() == pytest.approx(20, abs=0.05)
-    assert len(string.corner_mm) == 2
-    assert string.area_mm2 == pytest.approx(200 * np.pi, rel=2e-3)
+@given(arrays(np.int8, st.integers(1, 80), elements=st.integers(-2, 2)), st.integers(1, 30))
+def test_the_filter_is_the_triangular_kernel_round_the_loop(
+    code: NDArray[np.int8], length: int
+) -> None:
+    kernel = np.convolve(np.ones(length, int), np.ones(length, int))
+    count = len(code)
+    around = np.tile(code.astype(int), 2 * (length // count + 1) + 1)
+    middle = (length // count + 1) * count
+    expected = np.convolve(around, kernel, mode="same")[middle : middle + count]
+    if len(around) < len(kernel):  # numpy then answers in the kernel's length
+        return
+    assert triangular(code, length).tolist() == expected.tolist()
 
 
-def test_a_view_whose_second_axis_runs_down_is_taken_to_the_table() -> None:
-    strokes = [stroke_line(p, q) for p, q in zip(ELL, np.roll(ELL, -1, axis=0), strict=True)]
-    string = model_string([loop_of(strokes)], from_view=(100.0, 200.0))
-    expected = np.array([100.0, 200.0]) + ELL * (1, -1)
-    apart = np.linalg.norm(string.corner_mm[:, None] - expected[None], axis=2)
-    assert apart.min(axis=0).max() < 0.05
+def test_a_filter_of_no_length_is_refused() -> None:
+    with pytest.raises(ValueError, match="at least 1"):
+        triangular(np.zeros(4, dtype=np.int8), 0)
 
 
-def test_a_slit_no_picture_shows_is_not_part_of_a_models_string() -> None:
-    wide = [[0, 0], [60, 0], [60, 19.95], [20, 19.95], [20, 20.05], [60, 20.05], [60, 40], [0, 40]]
-    corners = np.array(wide, dtype=float)
-    strokes = [
-        stroke_line(p, q) for p, q in zip(corners, np.roll(corners, -1, axis=0), strict=True)
-    ]
-    string = model_string([loop_of(strokes)])
-    assert string.perimeter_mm == pytest.approx(200, rel=0.01)
-    assert len(string.corner_mm) == 4
-
-
-def test_a_sheet_on_edge_keeps_its_string() -> None:
-    corners = np.array([[0, 0], [60, 0], [60, 0.2], [0, 0.2]], dtype=float)
-    strokes = [
-        stroke_line(p, q) for p, q in zip(corners, np.roll(corners, -1, axis=0), strict=True)
-    ]
-    assert model_string([loop_of(strokes)]).perimeter_mm == pytest.approx(120.4, rel=0.01)
-
-
-def test_a_view_with_a_speck_of_two_points_is_read() -> None:
-    slit = [[0, 0], [60, 0], [60, 20], [20, 20], [20, 20.1], [60, 20.1], [60, 40], [0, 40]]
-    corners = np.array(slit, dtype=float)
-    strokes = [
-        stroke_line(p, q) for p, q in zip(corners, np.roll(corners, -1, axis=0), strict=True)
-    ]
-    a, b = np.array([5.0, 5.0]), np.array([5.1, 5.0])
-    speck = loop_of([stroke_line(a, b), stroke_line(b, a)], is_hole=True)
-    string = model_string([loop_of(strokes), speck])
-    assert string.perimeter_mm == pytest.approx(200, rel=0.01)
-    assert len(string.hole_mm) == 0
+def test_the_middle_of_a_plateau_is_its_corner_wherever_the_loop_begins() -> None:
+    filtered = np.zeros(60, dtype=np.int64)
+    filtered[20:25] = 12
+    assert find_corners(filtered, 10, 15).distance_px.tolist() == [22.0]
+    assert find_corners(np.roll(filtered, -22), 10, 15).distance_px.tolist() == [0.0]

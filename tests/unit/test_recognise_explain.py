@@ -12,8 +12,6 @@ from cad_solids import box, solid_of
 from numpy.typing import NDArray
 from recognise_bench import (
     CAMERA,
-    HOLE_MM,
-    SIDES_MM,
     Grey,
     backlit,
     front_lit,
@@ -68,64 +66,28 @@ def on_table(outline: shapely.Geometry) -> shapely.Polygon:
     return shapely.Polygon(taken(outline.exterior), [taken(r) for r in outline.interiors])
 
 
-def test_corners_are_told_as_in_the_papers_table_2() -> None:
-    _, told = plain()
-    corners = table(told, "corners of the chain code")
-    assert corners.columns == ("Corner No.", "Distance", "Size")
-    assert column(corners, "Corner No.") == [1, 2, 3, 4, 5, 6]
-    size = np.array(column(corners, "Size"), dtype=float)
-    # right angles: the filter gives the box-car's length; one of six is notched
-    assert np.abs(np.abs(size) - 15).max() <= 3
-    assert (size < 0).sum() == 1
-    # a chain of cracks is as long as the sides of an outline along the grid, stairs apart
-    distance = np.array(column(corners, "Distance"), dtype=float)
-    whole = float(corners.title.split(" of ")[-1])
-    share = np.diff(distance, append=distance[0] + whole) / whole
-    expected = np.array(SIDES_MM) / sum(SIDES_MM)
-    off = [np.abs(share - np.roll(expected, k)).max() for k in range(len(expected))]
-    assert min(off) < 0.02
-    # from a side of 38 mm to one of 24 mm it turns inwards
-    assert int(np.argmin(off)) == (int(np.argmin(size)) - 3) % 6
-
-
 def test_size_and_survivors_of_an_object_are_told() -> None:
     _, told = plain()
     objects = table(told, "objects:")
     (row,) = objects.rows
     shadow = on_table(shape())
     assert column(objects, "area [mm2]")[0] == pytest.approx(shadow.area, rel=0.01)
-    assert column(objects, "perimeter [mm]")[0] == pytest.approx(shadow.exterior.length, rel=0.01)
+    assert column(objects, "corners") == [6]
     assert column(objects, "holes") == [1]
     assert column(objects, "cut by edge") == ["no"]
     assert row[-1] == "elbow"
     library_ = table(told, "library:")
-    survivors = [column(library_, h)[0] for h in ("views in library", "of like area", "fitted")]
+    survivors = [column(library_, h)[0] for h in ("views in library", "candidates", "fitted")]
     assert survivors == sorted(survivors, reverse=True)  # type: ignore[type-var]
     assert survivors[-1] >= 1  # type: ignore[operator]
 
 
-def test_the_boundary_is_told_as_lines_and_an_arc() -> None:
-    _, told = plain()
-    primitives = table(told, "lines and arcs")
-    outline = [row for row in primitives.rows if row[0] == "outline"]
-    assert [row[1] for row in outline] == ["line"] * 6
-    holes = [row for row in primitives.rows if row[0] == "hole 1"]
-    assert {row[1] for row in holes} == {"arc"}
-    k = primitives.columns.index("radius [mm]")
-    # its shadow is that of the rim on top, 8 mm nearer to the camera 700 mm up
-    widest = HOLE_MM * 700 / (700 - 8)
-    assert all(-widest - 0.3 < row[k] < -HOLE_MM + 0.6 for row in holes)  # type: ignore[operator]
-
-
-def test_the_right_candidate_matches_all_corners_and_the_hole() -> None:
+def test_the_right_candidate_overlaps_most() -> None:
     _, told = plain()
     candidates = table(told, "candidates by silhouette")
     assert column(candidates, "part")[0] == "elbow"
-    assert column(candidates, "matched")[0] == 6 + 1
-    assert column(candidates, "missed")[0] == column(candidates, "extra")[0] == 0
     overlaps = column(candidates, "overlap")
     assert overlaps == sorted(overlaps, reverse=True)  # type: ignore[type-var]
-    assert abs(float(str(column(candidates, "turned [deg]")[0]))) < 1.0
 
 
 def test_the_hypothesis_that_was_taken_and_the_decision_agree() -> None:
@@ -199,7 +161,7 @@ def test_the_drawing_is_coloured_along_the_contour_and_grey_elsewhere() -> None:
 def test_each_kind_of_mark_has_its_colour_below_the_picture() -> None:
     _, told = plain()
     details = told.picture[OVERVIEW_PX[0] :]
-    for colour in (SKY, PINK, ORANGE, GREEN, YELLOW):
+    for colour in (ORANGE, GREEN, YELLOW):
         assert has_colour(details, colour)
     assert not has_colour(details, RED, near=15)  # every edge is where it should be
 

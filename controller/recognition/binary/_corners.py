@@ -114,15 +114,3 @@ def _plateaus(at: IntArray, reach: int, count: int) -> list[float]:
     starts = np.roll(starts, 1)
     middle = starts + ((ends - starts) % count) / 2
     return [float(m) for m in np.sort(middle % count)]
-
-
-def corner_table(corners: BoundaryCorners) -> str:
-    """Return the paper's Table 2 of some corners."""
-    rows = ["Corner No.  Distance  Size"]
-    rows += [
-        f"{number:10d}  {distance:8.0f}  {sign * size:4.0f}"
-        for number, (distance, size, sign) in enumerate(
-            zip(corners.distance_px, corners.size, corners.sign, strict=True), start=1
-        )
-    ]
-    return "\n".join(rows)

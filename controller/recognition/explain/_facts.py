@@ -1,44 +1,27 @@
 """Facts of an object: the stages of its recognition, once for picture and table.
 
-Recognition keeps the data its search needs; further data for a reader, such as the paper's corner
-list, the primitives and the grey features, is computed here from it, by the same functions.
+Recognition keeps the data its search needs; further data for a reader, such as corners and grey
+features, is computed here from it, by the same functions.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, Grey, IntArray
-from controller.cad import ViewModel, outline, prepare_views
+from controller.arrays import BoolArray, FloatArray, Grey
 from controller.imaging import Camera, sample_picture
 
-from ..binary import (
-    BinaryTolerances,
-    BoundaryCorners,
-    BoundaryString,
-    Chain,
-    NoOutlineError,
-    StringMatch,
-    boundary_string,
-    chain_code,
-    correlate,
-    curvature_code,
-    find_corners,
-    model_string,
-    triangular,
-)
+from ..binary import BinaryTolerances, NoOutlineError, OutlineCorners, outline_corners
 from ..fitting import ModelEdgePoints, predict_edges
 from ..grey import ImageFeatures, image_features
 from ..identification.hypotheses import Hypothesis, distinct, is_same_turn
 from ..identification.sighting import Recognition, Sighting, Trace
-from ..library import Candidate, Library, pose_on_table, shadow_camera
+from ..library import Candidate, Library, pose_on_table
 
-BOX_CAR = 15  # length of the box-car filter of the paper's Table 2
-THRESHOLD = 10
 MAX_CANDIDATES = 8  # candidates listed; more add nothing
-AS_GOOD, AS_GOOD_MM = 1.2, 0.05  # symmetric outlines match at several turns, noise apart
 MAX_OTHERS = 3  # rejected hypotheses drawn beside the one that was taken
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 LOOK_PX = 3  # reach of the search for an edge
@@ -81,37 +64,27 @@ class ObjectFacts:
     ----------
     number : from 1
     sighting, trace : answer, and the trace of how it was found
-    chain : chain of the mask's outline, in pixels of the region's box; None for a mask too small
-    curvature : (n,) its filtered curvature code
-    corners : corners of that, as in the paper's Table 2
-    string : primitives of the sub-pixel outline and holes, table plane [mm]
+    corners : corners of the outline and of each hole, in the table plane [mm]
     features : grey lines, corners and circles, where there is no light table; box pixels
     candidates : the best of the silhouette, symmetric ones once
-    matches : matches of each, how its boundary string correlates with the object's
     chosen : index of the hypothesis taken, -1 for none
     shown : the one that was taken, or that came nearest; -1 if none was fitted
     scores : (h,) scores of each hypothesis alone: how likely its evidence makes it
     edges : results of the predicted edges of the shown one
     others : the best hypotheses besides the shown one: fitted ones, then silhouettes
-    like_size : views of the library whose area is that of the object, within tolerance
     """
 
     number: int
     sighting: Sighting
     trace: Trace
-    chain: Chain | None
-    curvature: IntArray
-    corners: BoundaryCorners
-    string: BoundaryString | None
+    corners: tuple[OutlineCorners, ...]
     features: ImageFeatures | None
     candidates: tuple[Candidate, ...]
-    matches: tuple[StringMatch | None, ...]
     chosen: int
     shown: int
     scores: tuple[float, ...]
     edges: tuple[EdgeState, ...]
     others: tuple[Other, ...]
-    like_size: int
 
 
 def degrees_text(angle_rad: float, decimals: int) -> str:
@@ -132,9 +105,8 @@ def object_facts(
     seen : the result, with a trace of each sighting
     """
     limits = BinaryTolerances.for_pixels(camera.mm_per_px(np.zeros(3)))
-    prepared: dict[int, ViewModel] = {}  # a part's views take a quarter of a second to prepare
     return tuple(
-        _facts(number, sighting, trace, picture, camera, library, seen, limits, prepared)
+        _facts(number, sighting, trace, picture, camera, library, seen, limits)
         for number, (sighting, trace) in enumerate(
             zip(seen.sightings, seen.traces, strict=True), start=1
         )
@@ -150,22 +122,15 @@ def _facts(
     library: Library,
     seen: Recognition,
     limits: BinaryTolerances,
-    prepared: dict[int, ViewModel],
 ) -> ObjectFacts:
     region = trace.region
     is_backlit = seen.segmentation.lighting == "backlit"
-    chains = [chain for chain in chain_code(region.mask) if not chain.is_hole]
-    code = curvature_code(chains[0]) if chains else np.zeros(0, dtype=np.int8)
-    curvature = triangular(code, BOX_CAR)
-    string = _string(region.loops_px, camera, limits)
     candidates = tuple(distinct(trace.candidates, library)[:MAX_CANDIDATES])
     x0, y0, x1, y1 = region.box_px
     crop = np.ascontiguousarray(picture[y0:y1, x0:x1])
     features = None
     if not is_backlit and crop.size:
         features = image_features(crop, lambda px: camera.on_plane(px + np.array([x0, y0], float)))
-    area = sighting.area_mm2
-    views = np.abs(library.index.area_mm2 - area) <= limits.area_share * area
     chosen = _chosen(sighting, trace.hypotheses)
     scores = tuple(h.probability for h in trace.hypotheses)
     shown = chosen if chosen >= 0 else int(np.argmax(scores)) if scores else -1
@@ -173,13 +138,9 @@ def _facts(
         number=number,
         sighting=sighting,
         trace=trace,
-        chain=chains[0] if chains else None,
-        curvature=curvature,
-        corners=find_corners(curvature, THRESHOLD, BOX_CAR),
-        string=string,
+        corners=tuple(_corners(region.loops_px, camera, limits)),
         features=features,
         candidates=candidates,
-        matches=_correlated(string, candidates, camera, library, limits, prepared),
         chosen=chosen,
         shown=shown,
         scores=scores,
@@ -187,56 +148,15 @@ def _facts(
         if shown >= 0
         else (),
         others=_others(trace, candidates, shown, scores, camera, library),
-        like_size=int(views.sum()),
     )
 
 
-def _string(
+def _corners(
     loops_px: Sequence[FloatArray], camera: Camera, limits: BinaryTolerances
-) -> BoundaryString | None:
-    loops = [camera.on_plane(loop)[:, :2] for loop in loops_px if len(loop) > 8]
-    try:
-        return boundary_string(loops, [i > 0 for i in range(len(loops))], limits)
-    except NoOutlineError:
-        return None
-
-
-def _correlated(
-    string: BoundaryString | None,
-    candidates: Sequence[Candidate],
-    camera: Camera,
-    library: Library,
-    limits: BinaryTolerances,
-    prepared: dict[int, ViewModel],
-) -> tuple[StringMatch | None, ...]:
-    """Return each candidate's correlation with the object, with its outline drawn at its pose."""
-    if string is None:
-        return (None,) * len(candidates)
-    table = shadow_camera(camera.position_mm)
-    foot = (float(camera.position_mm[0]), float(camera.position_mm[1]))
-    out: list[StringMatch | None] = []
-    for c in candidates:
-        solid = library.solid(c.part)
-        pose = library.entries[c.part].pose(c.pose)
-        T = pose_on_table(solid, pose, c.x_mm, c.y_mm, c.theta_rad)
-        if c.part not in prepared:
-            prepared[c.part] = prepare_views(solid)
-        try:
-            view = outline(solid, T, table, prepared=prepared[c.part])
-            model = model_string(view.loops, limits, from_view=foot)
-        except ValueError:  # a sliver without an outline
-            out.append(None)
-            continue
-        out.append(_as_aligned(correlate(string, [model], limits)))
-    return tuple(out)
-
-
-def _as_aligned(matches: Sequence[StringMatch]) -> StringMatch | None:
-    """Return the match with the smallest turn among those about as good as the best."""
-    if not matches:
-        return None
-    near = [m for m in matches if m.rank_mm <= AS_GOOD * matches[0].rank_mm + AS_GOOD_MM]
-    return min(near, key=lambda m: abs(m.turn_rad))
+) -> Iterator[OutlineCorners]:
+    for loop in loops_px:
+        with suppress(NoOutlineError):
+            yield outline_corners(camera.on_plane(loop)[:, :2], limits)
 
 
 def _chosen(sighting: Sighting, hypotheses: Sequence[Hypothesis]) -> int:

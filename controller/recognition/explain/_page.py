@@ -15,7 +15,6 @@ from ._panels import (
     ELLIPSE_FACTOR,
     brightened_inside,
     draw_contour,
-    draw_curvature,
     draw_grey,
     draw_others,
     draw_outline,
@@ -47,12 +46,11 @@ from .draw import (
 SHOWN_PX = 1024  # height to which a small picture is enlarged
 SIDE_PX = 400  # width of the column beside it
 GAP_PX = 8
-PANELS = 4
 
 LEGEND: tuple[tuple[str, Colour, str], ...] = (
     ("line", YELLOW, "observed outline"),
-    ("line", SKY, "straight line (outline, grey)"),
-    ("line", PINK, "arc or circle (outline, grey)"),
+    ("line", SKY, "straight line (grey)"),
+    ("line", PINK, "arc or circle (grey)"),
     ("dot", ORANGE, "corner that juts out; grey corner"),
     ("square", GREEN, "notched corner; grey Y or T junction"),
     ("line", GREEN, "predicted edge, found"),
@@ -212,21 +210,17 @@ def _head(f: ObjectFacts, width: int) -> Picture:
 def _details(
     picture: Grey, camera: Camera, f: ObjectFacts, names: tuple[str, ...], width: int
 ) -> Picture:
-    side = (width - (PANELS - 1) * GAP_PX) // PANELS
+    count = 3 if f.features is None else 4
+    side = (width - (count - 1) * GAP_PX) // count
     panels = []
     sheet = window(picture, camera, f, side)
     draw_outline(sheet, f, camera)
-    panels.append(titled(sheet.canvas, "1 outline: lines, arcs, corners of the chain code"))
+    panels.append(titled(sheet.canvas, "outline and its corners"))
 
     if f.features is not None:
         sheet = window(picture, camera, f, side)
         draw_grey(sheet, f, camera)
-        second = titled(sheet.canvas, "2 grey lines, corners, circles")
-    else:
-        canvas = np.full((side, side, 3), PAPER, dtype=np.uint8)
-        draw_curvature(canvas, f)
-        second = titled(canvas, "2 filtered curvature of the chain code")
-    panels.append(second)
+        panels.append(titled(sheet.canvas, "grey lines, corners, circles"))
 
     is_dark = f.features is None
     sheet = window(brightened_inside(picture, f) if is_dark else picture, camera, f, side)
@@ -237,11 +231,11 @@ def _details(
         draw_place(sheet, f, camera)
         what = "chosen pose" if f.chosen >= 0 else "nearest, not taken"
         what += f": {names[h.part]}, pose {h.pose}, {degrees_text(h.theta_rad, 1)} deg"
-    panels.append(titled(sheet.canvas, f"3 {what}" + (", brightened" if is_dark else "")))
+    panels.append(titled(sheet.canvas, what + (", brightened" if is_dark else "")))
 
     sheet = window(picture, camera, f, side)
     draw_others(sheet, f, camera)
-    panels.append(titled(sheet.canvas, "4 other hypotheses, and their evidence"))
+    panels.append(titled(sheet.canvas, "other hypotheses, and their evidence"))
     return _row(panels, width)
 
 

@@ -1,4 +1,4 @@
-"""Panels of one object: outline with corners and primitives, grey features, poses."""
+"""Panels of one object: outline with corners, grey features, poses."""
 
 import cv2
 import numpy as np
@@ -8,7 +8,7 @@ from controller.arrays import FloatArray, Grey, Picture
 from controller.imaging import Camera
 
 from ..fitting import ModelEdgePoints
-from ._facts import BOX_CAR, THRESHOLD, ObjectFacts
+from ._facts import ObjectFacts
 from .draw import (
     BLACK,
     GREEN,
@@ -22,7 +22,6 @@ from .draw import (
     YELLOW,
     Colour,
     Sheet,
-    polyline,
     tag,
     toned,
     write,
@@ -95,41 +94,25 @@ def draw_contour(sheet: Sheet, facts: ObjectFacts, width: int = 1) -> None:
 
 
 def draw_outline(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
-    """Draw the outline's primitives, and the chain's corners by their sign with their numbers.
+    """Draw the outline, and its corners by their sign.
 
     Parameters
     ----------
     sheet : over the object
-    facts : facts of the object; without a chain or a boundary string these are left out
+    facts : facts of the object
     camera : takes the table plane to the picture
     """
     draw_contour(sheet, facts)
-    s = facts.string
-    if s is not None:
-        for k in range(len(s.loop)):
-            points = np.stack([s.start_mm[k], s.end_mm[k]])
-            if s.is_arc[k]:
-                points = _arc(s.centre_mm[k], s.start_mm[k], float(s.turn_rad[k]))
-            pixels = on_picture(points, camera)
-            sheet.line(pixels, PINK if s.is_arc[k] else SKY, 2)
-            sheet.dot(pixels[0], WHITE, 2)
-    if facts.chain is None:
-        return
-    x0, y0 = facts.trace.region.box_px[:2]
-    points = facts.chain.points_px + np.array([x0, y0], dtype=np.float64)
-    middle = points.mean(axis=0)
-    corners = facts.corners
-    for number, (index, sign) in enumerate(
-        zip(corners.index.tolist(), corners.sign.tolist(), strict=True), start=1
-    ):
-        if sign > 0:
-            sheet.dot(points[index], ORANGE)
-        else:
-            sheet.square(points[index], GREEN)
-        outward = points[index] - middle
-        outward = 14 * outward / max(float(np.linalg.norm(outward)), 1e-9) * (1 if sign > 0 else -1)
-        dx, dy = np.round(outward).astype(int).tolist()
-        sheet.words(str(number), points[index], WHITE, (dx - 8, dy - 9))
+    for k, corners in enumerate(facts.corners):
+        if len(corners.turn_rad) == 0:
+            continue
+        # what juts out of a hole is a notch of the part
+        turns = corners.turn_rad * (1.0 if k == 0 else -1.0)
+        for at, turn in zip(on_picture(corners.at_mm, camera), turns.tolist(), strict=True):
+            if turn > 0:
+                sheet.dot(at, ORANGE)
+            else:
+                sheet.square(at, GREEN)
 
 
 def _arc(centre: FloatArray, start: FloatArray, turn_rad: float) -> FloatArray:
@@ -168,41 +151,6 @@ def draw_grey(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
         sheet.dot(at, ORANGE, 3)
     for at in on_picture(g.junctions.positions, camera) if len(g.junctions.positions) else ():
         sheet.square(at, GREEN, 3)
-
-
-def draw_curvature(canvas: Picture, facts: ObjectFacts) -> None:
-    """Plot the filtered curvature along the boundary, as the paper's figure 6a."""
-    height, width = canvas.shape[:2]
-    left, right, top, bottom = 36, width - 12, 28, height - 26
-    code = facts.curvature
-    most = float(max(np.abs(code).max(initial=0), BOX_CAR + 3))
-
-    def y_of(value: float) -> float:
-        return float((top + bottom) / 2 - value / most * (bottom - top) / 2)
-
-    for value, colour in ((0, SOFT), (THRESHOLD, ORANGE), (-THRESHOLD, GREEN)):
-        y = y_of(value)
-        polyline(canvas, np.array([[left, y], [right, y]]), colour)
-        write(canvas, f"{value}", (4, round(y) + 4), colour, 0.4)
-    if len(code) == 0:
-        return
-    x = left + (right - left) * np.arange(len(code)) / len(code)
-    polyline(canvas, np.column_stack([x, [y_of(v) for v in code.tolist()]]), WHITE)
-    write(canvas, f"{len(code)} px", (right - 54, height - 8), SOFT, 0.4)
-    write(canvas, "along the boundary", (left, height - 8), SOFT, 0.4)
-    sheet = Sheet(canvas, np.zeros(2), np.ones(2))
-    corners = facts.corners
-    for number, (distance, size, sign) in enumerate(
-        zip(corners.distance_px, corners.size, corners.sign, strict=True), start=1
-    ):
-        at = np.array([left + (right - left) * distance / len(code), y_of(sign * size)])
-        if sign > 0:
-            sheet.dot(at, ORANGE, 3)
-        else:
-            sheet.square(at, GREEN, 3)
-        if len(corners.sign) <= 40:
-            y = round(float(at[1])) - 6 if sign > 0 else round(float(at[1])) + 16
-            write(canvas, str(number), (round(float(at[0])) - 4, y), WHITE, 0.4)
 
 
 def draw_pose(sheet: Sheet, facts: ObjectFacts, camera: Camera, width: int = 2) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from ..identification.sighting import Recognition
 from ..library import Library
 from ..segmentation import Segmentation
-from ._facts import BOX_CAR, THRESHOLD, ObjectFacts, degrees_text
+from ._facts import ObjectFacts, degrees_text
 
 UNTOLD_RAD = 0.5  # standard deviation above which a turn counts as unknown
 
@@ -99,20 +99,20 @@ def _segmentation(s: Segmentation) -> StageTable:
 
 def _objects(facts: Sequence[ObjectFacts]) -> StageTable:
     columns = [
-        ("object", 0), ("x [mm]", 1), ("y [mm]", 1), ("area [mm2]", 1), ("perimeter [mm]", 1),
+        ("object", 0), ("x [mm]", 1), ("y [mm]", 1), ("area [mm2]", 1), ("corners", 0),
         ("holes", 0), ("cut by edge", 0), ("answer", 0),
     ]  # fmt: skip
     rows = []
     for f in facts:
-        s, string = f.sighting, f.string
+        s = f.sighting
         rows.append(
             (
                 f.number,
                 s.x_mm,
                 s.y_mm,
                 s.area_mm2,
-                None if string is None else string.perimeter_mm,
-                None if string is None else len(string.hole_mm),
+                len(f.corners[0].turn_rad) if f.corners else None,
+                len(f.corners[1:]) if f.corners else None,
                 "yes" if f.trace.region.touches_edge else "no",
                 s.part or "unknown",
             )
@@ -122,14 +122,13 @@ def _objects(facts: Sequence[ObjectFacts]) -> StageTable:
 
 def _survivors(facts: Sequence[ObjectFacts], library: Library) -> StageTable:
     columns = [
-        ("object", 0), ("views in library", 0), ("of like area", 0), ("poses by outline", 0),
+        ("object", 0), ("views in library", 0), ("poses by outline", 0),
         ("candidates", 0), ("fitted", 0),
     ]  # fmt: skip
     rows = [
         (
             f.number,
             library.index.view_count,
-            f.like_size,
             len({(c.part, c.pose) for c in f.trace.candidates}),
             len(f.trace.candidates),
             len(f.trace.hypotheses),
@@ -140,9 +139,7 @@ def _survivors(facts: Sequence[ObjectFacts], library: Library) -> StageTable:
 
 
 def _stages(f: ObjectFacts, library: Library) -> list[StageTable]:
-    tables = [_corners(f)]
-    if f.string is not None:
-        tables.append(_primitives(f))
+    tables = []
     if f.features is not None:
         tables.append(_grey(f))
     if f.candidates:
@@ -150,43 +147,6 @@ def _stages(f: ObjectFacts, library: Library) -> list[StageTable]:
     if f.trace.hypotheses:
         tables += [_hypotheses(f, library), _evidence(f)]
     return [*tables, _decision(f)]
-
-
-def _corners(f: ObjectFacts) -> StageTable:
-    corners = f.corners
-    rows = [
-        (number, float(distance), float(sign * size))
-        for number, (distance, size, sign) in enumerate(
-            zip(corners.distance_px, corners.size, corners.sign, strict=True), start=1
-        )
-    ]
-    title = (
-        f"object {f.number}: corners of the chain code, box-car {BOX_CAR}, threshold {THRESHOLD}; "
-        f"distance [px] of {len(f.curvature)}"
-    )
-    return _table(title, [("Corner No.", 0), ("Distance", 0), ("Size", 0)], rows)
-
-
-def _primitives(f: ObjectFacts) -> StageTable:
-    s = f.string
-    assert s is not None
-    columns = [
-        ("loop", 0), ("kind", 0), ("along [mm]", 1), ("length [mm]", 1), ("radius [mm]", 2),
-        ("turn [deg]", 1), ("joint to next [deg]", 1),
-    ]  # fmt: skip
-    rows = [
-        (
-            "outline" if s.loop[k] == 0 else f"hole {s.loop[k]}",
-            "arc" if s.is_arc[k] else "line",
-            float(s.along_mm[k]),
-            float(s.length_mm[k]),
-            float(s.radius_mm[k]) if s.is_arc[k] else None,
-            float(np.degrees(s.turn_rad[k])) if s.is_arc[k] else None,
-            float(np.degrees(s.joint_rad[k])),
-        )
-        for k in range(len(s.loop))
-    ]
-    return _table(f"object {f.number}: boundary as lines and arcs", columns, rows)
 
 
 def _grey(f: ObjectFacts) -> StageTable:
@@ -214,29 +174,18 @@ def _grey(f: ObjectFacts) -> StageTable:
 def _candidates(f: ObjectFacts, library: Library) -> StageTable:
     columns = [
         ("part", 0), ("pose", 0), ("turn [deg]", 1), ("overlap", 3), ("distance", 3),
-        ("matched", 0), ("missed", 0), ("extra", 0), ("apart [mm]", 2),
-        ("turned [deg]", 1),
     ]  # fmt: skip
-    rows = []
-    for c, m in zip(f.candidates, f.matches, strict=True):
-        found = (
-            (None,) * 5
-            if m is None
-            else (
-                m.matched_count,
-                m.missed_count,
-                m.spurious_count,
-                m.error_mm,
-                None if m.turn_is_free else float(np.degrees(m.turn_rad)),
-            )
+    rows = [
+        (
+            library.entries[c.part].name,
+            c.pose,
+            float(np.degrees(c.theta_rad)),
+            c.overlap,
+            c.distance,
         )
-        turn = float(np.degrees(c.theta_rad))
-        name = library.entries[c.part].name
-        rows.append((name, c.pose, turn, c.overlap, c.distance, *found))
-    title = (
-        f"object {f.number}: candidates by silhouette, best {len(rows)}, and how many corners and "
-        "holes match"
-    )
+        for c in f.candidates
+    ]
+    title = f"object {f.number}: candidates by silhouette, best {len(rows)}"
     return _table(title, columns, rows)
 
 

@@ -10,7 +10,6 @@ from .features.corners import Corners, Junctions
 from .features.extract import Edgelets, ImageFeatures, image_features
 from .matching.hypotheses import ViewHypothesis, propose, rate
 from .matching.index import FeatureIndex, feature_index
-from .matching.matches import Matches, matches
 from .matching.model import ModelFeatures, model_features
 from .matching.sweep import swept
 
@@ -22,12 +21,10 @@ __all__ = [
     "GreyTolerances",
     "ImageFeatures",
     "Junctions",
-    "Matches",
     "ModelFeatures",
     "ViewHypothesis",
     "feature_index",
     "image_features",
-    "matches",
     "model_features",
     "propose",
     "rate",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from controller.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from controller.imaging import Camera, Contour, signed_area
 
-from ..binary import BinaryTolerances, NoOutlineError, boundary_string
+from ..binary import BinaryTolerances, NoOutlineError, outline_corners
 from ..fitting import OutlineMeasure
 from ..segmentation import Region
 
@@ -98,12 +98,12 @@ class Cluster:
         for k, loop in enumerate(self.loops_mm):
             for limits in (usual, short):
                 try:
-                    string = boundary_string([loop], [False], limits)
+                    corners = outline_corners(loop, limits)
                 except NoOutlineError:
                     continue
                 # what juts out of a hole is a notch of the part
-                turn = string.corner_turn_rad * (1.0 if k == 0 else -1.0)
-                found.append(string.corner_mm[turn < 0])
+                turn = corners.turn_rad * (1.0 if k == 0 else -1.0)
+                found.append(corners.at_mm[turn < 0])
         at = np.concatenate(found)
         if len(at) == 0:
             return np.zeros((0, 2))
