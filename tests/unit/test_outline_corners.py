@@ -11,8 +11,13 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from shapely import Polygon, get_coordinates
 
-from controller.recognition.binary import BinaryTolerances, NoOutlineError, outline_corners
-from controller.recognition.binary._corners import find_corners, triangular
+from controller.recognition.binary import (
+    BinaryTolerances,
+    NoOutlineError,
+    find_corners,
+    outline_corners,
+    triangular,
+)
 
 Array = NDArray[np.float64]
 ELL = np.array([[0, 0], [60, 0], [60, 20], [25, 20], [25, 45], [0, 45]], dtype=float)
