@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
-from scheduling import LongestFirst, typical_seconds
+from scheduling import LongestFirst, is_quick, typical_seconds
 
 # an example takes as long as the machine is busy
 UNHURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
@@ -33,6 +33,15 @@ OLD_ROUNDS = 1000  # collections of what is young for one of all there is
 
 # no test notes its journals in the home of whoever runs it
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="cellctl-tests-")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of `pytest -m quick`: of files that take less than a second."""
+    seconds = typical_seconds()
+    for item in items:
+        if is_quick(item.nodeid, (mark.name for mark in item.iter_markers()), seconds):
+            item.add_marker("quick")
 
 
 def pytest_collection_finish() -> None:

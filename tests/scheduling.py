@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent
 # CPU seconds of each unit of one and more, as `benchmarks/bench_suite.py --keep` last wrote them
 TYPICAL = HERE / "data" / "typical_seconds.json"
+SPECIAL = frozenset({"slow", "kernel", "hardware"})  # marks of tests that ask for more than a file
 SHORT_CPU_S = 2.0  # what a file may take that is run on a second Python, too: 250 of 315 do
 # Each of these starts processes of its own that keep time: two of them at once would only wait. A
 # file belongs to the first group that names the start of its path.
@@ -68,6 +69,18 @@ class LongestFirst(LoadScopeScheduling):
 def typical_seconds() -> dict[str, float]:
     """Return the CPU seconds that each unit took when they were last kept."""
     return {str(k): float(v) for k, v in json.loads(TYPICAL.read_text()).items()}
+
+
+def is_quick(nodeid: str, marks: Iterable[str], seconds: Mapping[str, float]) -> bool:
+    """Return whether a test is a quick one: of a file of unit tests of less than a second.
+
+    Parameters
+    ----------
+    nodeid, marks : name of the test, and the names of its marks
+    seconds : `typical_seconds`, which has no unit of less than a second
+    """
+    unit = unit_of(nodeid)
+    return unit.startswith("unit/") and unit not in seconds and not SPECIAL & set(marks)
 
 
 def short_files() -> list[str]:

@@ -10,7 +10,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from scheduling import GROUPS, typical_seconds, unit_of
+from scheduling import GROUPS, is_quick, typical_seconds, unit_of
 
 ROOT = Path(__file__).parents[2]
 TEST_COUNT = 8
@@ -103,3 +103,13 @@ def test_every_unit_with_kept_seconds_is_still_there() -> None:
     for starts in GROUPS.values():
         for start in starts:
             assert any(file.startswith(start) for file in files), start
+
+
+def test_quick_tests_are_of_short_files_and_ask_for_nothing_special() -> None:
+    assert is_quick("tests/unit/test_new.py::test_it", ["parametrize"], SECONDS)
+    for nodeid, marks in (
+        ("tests/unit/test_long.py::test_it", []),
+        ("tests/unit/test_new.py::test_it", ["slow"]),
+        ("tests/cross/test_line.py::test_it", []),
+    ):
+        assert not is_quick(nodeid, marks, SECONDS), nodeid
