@@ -13,12 +13,12 @@ from controller.inspection import InspectionLimits, PosedPart, WorldBox
 from controller.inspection.dimensions import MeasuringSettings, PosedView
 from controller.inspection.edge_evidence import (
     EdgeEvidence,
-    closest_pixel_mm,
-    find_edges,
     find_evidence,
     look_at_edges,
 )
 from controller.inspection.integrity import Allowances, allowed_mm
+from controller.inspection.kept import Kept
+from controller.inspection.stages import edges_seen
 
 KNOWN = np.diag([0.02] * 3 + [0.0003] * 3) ** 2  # a pose as well known as a fit's
 
@@ -46,8 +46,9 @@ def evidence_of(
 ) -> EdgeEvidence:
     """The evidence of a part's edges in all of some views, under the defaults."""
     allowances, settings = Allowances(), MeasuringSettings()
-    edges = find_edges(part.solid, closest_pixel_mm(views))
-    assert edges is not None
+    edges = edges_seen(part, views, Kept())
     allowed = allowed_mm(part, allowances.tolerance_class)
-    looks = [look_at_edges(part, edges, view, allowed, settings) for view in views]
+    looks = [
+        look_at_edges(part, edges, view, allowed, settings) for view in views if edges is not None
+    ]
     return find_evidence(part, samples, views, edges, looks, limits, allowances, settings)

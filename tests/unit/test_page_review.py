@@ -267,10 +267,10 @@ def test_a_part_has_its_pictures_and_what_was_compared_of_each_face_beside_the_v
     verdict_ = record.parts[0].verdict
     assert verdict_ is not None
     assert found["coverage"]["faces"] == [
-        [face.face_id, round(1000 * face.compared_fraction), 1000] for face in verdict_.faces
+        [face.face, round(1000 * face.compared_fraction), 1000] for face in verdict_.faces
     ]
     known = {one["face"] for one in found["mesh"]["faces"]}
-    assert {face.face_id for face in verdict_.faces} <= known
+    assert {face.face for face in verdict_.faces} <= known
     assert at.client.get(f"/review/coverage/{OPEN}/9").status_code == 404
 
 

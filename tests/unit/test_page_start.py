@@ -298,7 +298,6 @@ def test_a_page_that_is_killed_leaves_the_run_alone(project: Path) -> None:
     page = f"""
 import asyncio, pathlib, sys, time
 from controller.page.frame import Setting
-from controller.page.frame.screens import RefusedError
 from controller.page.now.starting import Launcher, StartBody
 project = pathlib.Path({str(project)!r})
 command = (sys.executable, str(project / "fake.py"), str(project))

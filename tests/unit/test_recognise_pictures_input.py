@@ -353,7 +353,6 @@ def test_explain_writes_a_drawing_and_the_stages(
         assert drawing is not None
         assert np.ptp(drawing.astype(int), axis=2).max() > 100  # in colour
         text = (folder / f"{name}.explain.txt").read_text(encoding="utf-8")
-        assert "Corner No.  Distance  Size" in text
         assert "x [mm]" in text  # units in brackets are no mark-up
         body = json.loads((folder / f"{name}.explain.json").read_text(encoding="utf-8"))
         assert body["image"] == "shot.png"
@@ -371,7 +370,7 @@ def test_explain_shows_the_stages_to_people_and_refuses_what_is_no_folder(
     asked = files.command(path, json_lines=False)
     assert main([*asked, "--explain", str(folder)]) == 0
     told = capfd.readouterr().out
-    assert "object 1: corners of the chain code" in told
+    assert "object 1: candidates by silhouette" in told
     assert str(folder / "shot.explain.png") in told
     assert not (folder / "shot.explain.json").exists()
     assert main([*asked, "--explain", str(path)]) == 2
