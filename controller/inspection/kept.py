@@ -80,3 +80,21 @@ def stage(
         return kept.once(partial(function, kept, *args, **kwargs), once, *args)
 
     return once
+
+
+def stage_of(
+    make: Callable[Arguments, Made],
+) -> Callable[Concatenate[Kept, Arguments], Made]:
+    """Return a function that asks for no other stage as a stage, the cache before its arguments.
+
+    Parameters
+    ----------
+    make : its arguments never change; see `stage`
+    """
+
+    @stage
+    @wraps(make)
+    def made(kept: Kept, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Made:
+        return make(*args, **kwargs)
+
+    return made

@@ -4,26 +4,24 @@
     --compared_view--> ComparedView --view_polish, view_result--> ViewResult
     --posed_view--> PosedView --dimension_looks, edge_looks--> evidence
 
-Each is worked out once for its arguments (`kept.stage`), whether in advance or for the verdict
-(ADR 81). What a stage does stands where it is called: `view.py`, `grasp_pose/`, `dimensions/`,
-`edge_evidence/`.
+Each is worked out once for its arguments (`kept.py`), whether in advance or for the verdict (ADR
+81). What a stage does stands in `view.py`, `grasp_pose/`, `dimensions/` and `edge_evidence/`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from controller.cad import Solid, SurfaceSamples
+from controller.cad import SurfaceSamples
 
 from ._part_types import PartSettings, ViewOff, ViewSet
 from ._pose import PosedPart
-from ._types import OUTLINE, PicturedView, ViewResult
+from ._types import OUTLINE, ViewResult
 from .characteristics import Characteristic
 from .dimensions import (
     BACKLIT,
     DimensionLooks,
     MeasuringSettings,
     PosedView,
-    Sought,
     look_for,
     seek_all,
 )
@@ -39,56 +37,16 @@ from .grasp_pose import (
     is_suspect,
 )
 from .integrity import Allowances, allowed_mm
-from .kept import Kept, stage
+from .kept import Kept, stage, stage_of
 from .lit import Finish, Polish, finish_of
-from .view import ComparedView, NotEvaluated, Strictness, compare_view, outline_view
+from .view import NotEvaluated, Strictness, compare_view, outline_view
 
-
-@stage
-def outlined_view(kept: Kept, view: PicturedView) -> OutlinedView | NotEvaluated:
-    """Return the outline in a view's picture before the panel, or the reason for none.
-
-    Parameters
-    ----------
-    kept : cache
-    view : with its pictures
-    """
-    return outline_view(view)
-
-
-@stage
-def grasp_pose(
-    kept: Kept, part: PosedPart, settings: PoseSettings, *views: OutlinedView
-) -> GraspPose | None:
-    """Return the pose of a part in the jaws from the outlines of a grasp; None if none is near.
-
-    Parameters
-    ----------
-    kept : cache
-    part : the CAD model
-    settings : what is known of arm, parts and light
-    views : all views of the grasp that have an outline
-    """
-    return fit_grasp(part, views, settings)
-
-
-@stage
-def compared_view(
-    kept: Kept,
-    part: PosedPart,
-    samples: SurfaceSamples,
-    outlined: OutlinedView | NotEvaluated,
-    pose: ViewPose | None,
-    strictness: Strictness,
-) -> ComparedView | NotEvaluated:
-    """Return a view's pictures at the part's pose; large, and forgotten once there is a result.
-
-    Parameters
-    ----------
-    kept : cache
-    part, samples, outlined, pose, strictness : see `compare_view`
-    """
-    return compare_view(part, samples, outlined, pose, strictness)
+outlined_view = stage_of(outline_view)
+grasp_pose = stage_of(fit_grasp)  # of all views of the grasp that have an outline
+compared_view = stage_of(compare_view)  # large, and forgotten once there is a result
+dimensions_sought = stage_of(seek_all)
+dimension_looks = stage_of(look_for)
+part_edges = stage_of(find_edges)
 
 
 @stage
@@ -160,50 +118,6 @@ def posed_view(
         passed,
         view.counted,
     )
-
-
-@stage
-def dimensions_sought(
-    kept: Kept, part: PosedPart, characteristics: tuple[Characteristic, ...]
-) -> tuple[Sought, ...]:
-    """Return the features to seek in pictures.
-
-    Parameters
-    ----------
-    kept : cache
-    part, characteristics : see `seek_all`
-    """
-    return seek_all(part, characteristics)
-
-
-@stage
-def dimension_looks(
-    kept: Kept,
-    part: PosedPart,
-    sought: tuple[Sought, ...],
-    view: PosedView,
-    settings: MeasuringSettings,
-) -> list[DimensionLooks]:
-    """Return the estimates of all that is sought from a view's pictures.
-
-    Parameters
-    ----------
-    kept : cache
-    part, sought, view, settings : see `look_for`
-    """
-    return look_for(part, sought, view, settings)
-
-
-@stage
-def part_edges(kept: Kept, solid: Solid, pixel_mm: float) -> PartEdges | None:
-    """Return the edges of a part at the density of the closest view.
-
-    Parameters
-    ----------
-    kept : cache
-    solid, pixel_mm : see `find_edges`
-    """
-    return find_edges(solid, pixel_mm)
 
 
 @stage
@@ -317,7 +231,7 @@ def pose_views(views: ViewSet, settings: PoseSettings, kept: Kept | None = None)
     kept = kept or Kept()
     outlined = tuple(outlined_view(kept, view) for view in views.views)
     fits = {
-        grasp: grasp_pose(kept, views.part, settings, *mine)
+        grasp: grasp_pose(kept, views.part, mine, settings)
         for grasp, mine in by_grasp(outlined).items()
     }
     return PosedViews(outlined, fits)

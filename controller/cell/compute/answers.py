@@ -46,8 +46,8 @@ from controller.planning.motion import (
     prove_sweep,
 )
 from controller.planning.regrasps import pick_paths
-from controller.stored import Judging, judge_views, read_pictures
 from controller.stored import judge_ahead as stored_ahead
+from controller.stored import judge_views, judging_of, read_pictures
 
 from ..devices.lamps import TABLE_LAMPS
 from ..plans import PlanCache
@@ -549,7 +549,7 @@ def judge(job: Job, set_path: Path) -> inspecting.PartInspection:
     _kept.cache_clear()
     _work_at_hand.cache_clear()
     pictures = read_pictures(set_path, file, kept)
-    judging = Judging(file.recipe, set_path, set_path, file.learned)
+    judging = judging_of(set_path, file, None)
     found = judge_views(file, context(job).part, pictures, judging, kept)
     return replace(found, views=tuple(_with_faces(context(job), one) for one in found.views))
 
@@ -567,5 +567,5 @@ def _work_at_hand(job: Job, set_path: Path, text: str, view_count: int) -> Itera
     A view's pictures at its pose are large, and live from its first comparison to its last.
     """
     file = parse_view_set(set_path, text)
-    judging = Judging(file.recipe, set_path, set_path, file.learned)
+    judging = judging_of(set_path, file, None)
     return stored_ahead(file, context(job).part, judging, _kept(set_path), view_count)

@@ -175,7 +175,7 @@ def _chosen(
         return None
     count = len(good)
     dropped: list[tuple[int, str]] = []
-    reason = ""
+    reason, against = "", list[tuple[float, float]]()
     while len(good) > 1:
         against = _against_others([estimates[i] for i in good])
         worst = int(np.argmax([off / allowed for off, allowed in against]))
@@ -202,7 +202,7 @@ def _chosen(
         # Nothing confirms that the edge under the lamp belongs to the part and not to its shadow.
         shares[LIGHT] = shares[LIGHT] * settings.unconfirmed_light**2
     if reason:
-        scale = max(1.0, _reach(used, vector) ** 2 / _largest(_total(shares)))
+        scale = max(1.0, _reach(used, vector, against) ** 2 / _largest(_total(shares)))
         shares = {name: share * scale for name, share in shares.items()}
     views = tuple(dict.fromkeys(e.look.view_id for e in used))
     return _Mean(vector, shares, reason, is_twice, is_proven, True, views, tuple(dropped))
@@ -297,7 +297,8 @@ def _against_others(used: Sequence[Estimate]) -> list[tuple[float, float]]:
     weight = np.array([1.0 / e.look.u_mm**2 for e in used])
     vectors = np.array([e.vector_mm for e in used])
     # of n looks the worst counts: each is asked at a share of what a single pair would be
-    k = COVERAGE_FACTOR if len(used) == 2 else NormalDist().inv_cdf(1.0 - NOT_COVERED / len(used))
+    count = len(used)
+    factor = COVERAGE_FACTOR if count == 2 else NormalDist().inv_cdf(1.0 - NOT_COVERED / count)
     answers = []
     for i, one in enumerate(used):
         rest = weight.copy()
@@ -306,7 +307,7 @@ def _against_others(used: Sequence[Estimate]) -> list[tuple[float, float]]:
         off = float(np.linalg.norm(one.vector_mm - mean))
         # The mean of the others is no better than the best of them, since they share errors.
         best = min(e.look.u_mm for k, e in enumerate(used) if k != i)
-        answers.append((off, k * float(np.hypot(one.look.u_mm, best))))
+        answers.append((off, factor * float(np.hypot(one.look.u_mm, best))))
     return answers
 
 
@@ -366,7 +367,9 @@ def _is_outvoted(
     )
 
 
-def _reach(used: Sequence[Estimate], vector_mm: FloatArray) -> float:
+def _reach(
+    used: Sequence[Estimate], vector_mm: FloatArray, against: Sequence[tuple[float, float]]
+) -> float:
     """Return the standard uncertainty that covers the looks that disagree with the others [mm].
 
     Whichever of them is right, its value lies within.
@@ -374,10 +377,11 @@ def _reach(used: Sequence[Estimate], vector_mm: FloatArray) -> float:
     Parameters
     ----------
     used, vector_mm : looks that disagree, and their mean
+    against : distance of each from the others, and what is explained, from `_against_others`
     """
     return max(
         float(np.linalg.norm(e.vector_mm - vector_mm)) / COVERAGE_FACTOR + e.look.u_mm
-        for e, (off, allowed) in zip(used, _against_others(used), strict=True)
+        for e, (off, allowed) in zip(used, against, strict=True)
         if off > allowed
     )
 
