@@ -164,7 +164,7 @@ def test_a_filter_of_no_length_is_refused() -> None:
 
 
 def test_the_middle_of_a_plateau_is_its_corner_wherever_the_loop_begins() -> None:
-    filtered = np.zeros(60, dtype=np.int64)
+    filtered = np.zeros(60)
     filtered[20:25] = 12
     assert find_corners(filtered, 10, 15).distance_px.tolist() == [22.0]
     assert find_corners(np.roll(filtered, -22), 10, 15).distance_px.tolist() == [0.0]

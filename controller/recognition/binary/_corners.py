@@ -1,19 +1,16 @@
-"""Corners of a boundary from its curvature code: a triangular filter, a threshold, local peaks.
+"""Corners of a loop from its turns: a triangular filter, a threshold, local peaks.
 
 The paper (references.md P3.1): the filter is two box-cars one after the other, each a running sum,
 so that a sample costs four additions whatever the length; its Table 2 lists distance and size.
 """
 
 from dataclasses import dataclass
-from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from controller.arrays import FloatArray, IntArray
-
-Number = TypeVar("Number", np.int64, np.float64)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -35,17 +32,11 @@ class BoundaryCorners:
     index: IntArray
 
 
-@overload
-def triangular(code: NDArray[np.signedinteger[Any]], length: int) -> IntArray: ...
-@overload
-def triangular(code: FloatArray, length: int) -> FloatArray: ...
-def triangular(
-    code: NDArray[np.signedinteger[Any]] | FloatArray, length: int
-) -> IntArray | FloatArray:
-    """Return a closed code (n,) filtered by a triangle of height ``length``, base 2 ``length`` - 1.
+def triangular(turns: FloatArray, length: int) -> FloatArray:
+    """Return turns (n,) round a loop filtered by a triangle.
 
-    Integers stay integers, exactly; the sum of the answer is that of the code times the square of
-    the length.
+    Its height is ``length``, its base 2 ``length`` - 1. The sum of the answer is that of the turns
+    times the square of the length.
 
     Raises
     ------
@@ -53,24 +44,19 @@ def triangular(
     """
     if length < 1:
         raise ValueError(f"a box-car of {length} samples, at least 1 is needed")
-    if len(code) == 0:
-        return np.zeros(0, dtype=np.int64)
-    around = np.take(code, np.arange(1 - length, len(code) + length - 1), mode="wrap")
-    if np.issubdtype(code.dtype, np.integer):
-        return _box_car(_box_car(around.astype(np.int64), length), length)
+    if len(turns) == 0:
+        return turns
+    around = np.take(turns, np.arange(1 - length, len(turns) + length - 1), mode="wrap")
     return _box_car(_box_car(around.astype(np.float64), length), length)
 
 
-def _box_car(values: NDArray[Number], length: int) -> NDArray[Number]:
+def _box_car(values: FloatArray, length: int) -> FloatArray:
     """Return running sums of ``length`` neighbours: (n - length + 1,)."""
-    total = np.concatenate([np.zeros(1, dtype=values.dtype), np.cumsum(values)])
-    out: NDArray[Number] = total[length:] - total[:-length]
-    return out
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    return np.asarray(total[length:] - total[:-length])
 
 
-def find_corners(
-    filtered: IntArray | FloatArray, threshold: float = 10, reach: int = 15
-) -> BoundaryCorners:
+def find_corners(filtered: FloatArray, threshold: float, reach: int) -> BoundaryCorners:
     """Return the corners of a boundary: peaks of its filtered curvature, of either sign.
 
     Parameters
@@ -87,7 +73,7 @@ def find_corners(
     if count:
         size = min(2 * reach + 1, count)
         for sign in (1, -1):
-            height = sign * filtered.astype(np.float64)
+            height = sign * filtered
             if not (height >= threshold).any():
                 continue
             highest = ndimage.maximum_filter1d(height, size, mode="wrap")

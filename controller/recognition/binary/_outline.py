@@ -56,14 +56,14 @@ def outline_corners(loop_mm: FloatArray, limits: BinaryTolerances = DEFAULT) -> 
     """
     if len(loop_mm) < 3:
         raise NoOutlineError(f"a loop of {len(loop_mm)} points, at least 3 are needed")
-    if abs(_area(loop_mm)) < MIN_AREA_MM2:
+    area_mm2 = _area(loop_mm)
+    if abs(area_mm2) < MIN_AREA_MM2:
         raise NoOutlineError("the loop encloses nothing")
-    points, step = _resampled(_directed(loop_mm, 1.0), limits.spacing_mm)
+    anticlockwise = loop_mm if area_mm2 > 0 else loop_mm[::-1]
+    points, step = _resampled(anticlockwise, limits.spacing_mm)
     closed = np.concatenate([points, points[:1]])
-    if is_circle(RunningSums(closed), len(closed), limits):
-        return OutlineCorners(np.zeros((0, 2)), np.zeros(0))
     corner, turn = _corners(points, step, limits)
-    if len(corner) == 0:
+    if len(corner) == 0 or is_circle(RunningSums(closed), len(closed), limits):
         return OutlineCorners(np.zeros((0, 2)), np.zeros(0))
     begin = int(corner[0])
     points = np.concatenate([points[begin:], points[:begin]])
@@ -107,21 +107,15 @@ def _runs_between(corner: IntArray, count: int, trim: int) -> IntArray:
 def _sharpened(points: FloatArray, corner: IntArray, fit: PrimitiveFit) -> FloatArray:
     """Return the corners where their lines meet; beside an arc, the samples themselves."""
     out = points[corner]
-    if len(corner) == 0:
-        return out
-    after, before = fit.of_run, (fit.of_run - 1) % len(fit.first)
+    after, before = fit.of_run, (fit.of_run - 1) % len(fit.is_arc)
     d, e = fit.direction[before], fit.direction[after]
     cross = d[:, 0] * e[:, 1] - d[:, 1] * e[:, 0]
-    gap = fit.centre[after] - fit.centre[before]
+    gap = fit.middle[after] - fit.middle[before]
     clear = ~fit.is_arc[before] & ~fit.is_arc[after] & (np.abs(cross) > MIN_CROSSING)
     run = (gap[:, 0] * e[:, 1] - gap[:, 1] * e[:, 0]) / np.where(clear, cross, 1.0)
-    meet = fit.centre[before] + d * run[:, None]
+    meet = fit.middle[before] + d * run[:, None]
     clear &= np.linalg.norm(meet - out, axis=1) < FARTHEST_CROSSING_MM
     return np.where(clear[:, None], meet, out)
-
-
-def _directed(points: FloatArray, sign: float) -> FloatArray:
-    return points if _area(points) * sign > 0 else points[::-1]
 
 
 def _area(points: FloatArray) -> float:

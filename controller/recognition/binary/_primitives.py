@@ -28,19 +28,13 @@ class PrimitiveFit:
     Attributes
     ----------
     of_run : (r,) the first primitive of each run
-    first, last : (k,) samples of the run they reach from and to, both included
     is_arc : (k,)
-    centre : (k, 2) centre of arcs, of lines the middle
-    radius : (k,) radius of arcs without sign, of lines 0
-    direction : (k, 2) direction of lines, along the run
+    middle, direction : (k, 2) middle and direction of lines, along the run
     """
 
     of_run: IntArray
-    first: IntArray
-    last: IntArray
     is_arc: BoolArray
-    centre: FloatArray
-    radius: FloatArray
+    middle: FloatArray
     direction: FloatArray
 
 
@@ -65,13 +59,11 @@ class RunningSums:
         arc = np.maximum(zz - a * zx - b * zy, 0.0) / (4 * square)
         return line, arc, square
 
-    def fit(self, first: IntArray, last: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return runs as arcs, centre (k, 2) and radius (k,), and as lines, direction (k, 2)."""
-        (_, x, y, z), (xx, xy, yy), (zx, zy, _) = self._moments(first, last)
-        a, b, square = _circle(x, y, z, (xx, xy, yy), (zx, zy))
+    def directions(self, first: IntArray, last: IntArray) -> FloatArray:
+        """Return the directions (k, 2) of runs as lines."""
+        _, (xx, xy, yy), _ = self._moments(first, last)
         angle = 0.5 * np.arctan2(xy, 0.5 * (xx - yy))
-        centre: FloatArray = np.stack([0.5 * a, 0.5 * b], axis=-1) + self.middle
-        return centre, np.sqrt(square), np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
     def _moments(
         self, first: IntArray, last: IntArray
@@ -134,12 +126,14 @@ def fit_runs(
         last.append(cuts[1:])
         arcs.append(curved)
         count.append(len(curved))
-    return _fit(
-        sums,
-        closed,
-        (np.concatenate(first), np.concatenate(last)),
-        np.concatenate(arcs),
-        np.cumsum(count, dtype=np.int64) - np.array(count),
+    begin, end = np.concatenate(first), np.concatenate(last)
+    direction = sums.directions(begin, end)
+    backward = (direction * (closed[end] - closed[begin])).sum(axis=1) < 0
+    return PrimitiveFit(
+        of_run=np.cumsum(count, dtype=np.int64) - np.array(count),
+        is_arc=np.concatenate(arcs),
+        middle=sums.middles(begin, end),
+        direction=np.where(backward[:, None], -direction, direction),
     )
 
 
@@ -212,24 +206,3 @@ def _joined(
         cuts = np.delete(cuts, 1 + np.flatnonzero(peak))
         cost, is_arc = _cost(sums, cuts[:-1], cuts[1:], limits)
     return cuts, is_arc
-
-
-def _fit(
-    sums: RunningSums,
-    closed: FloatArray,
-    reach: tuple[IntArray, IntArray],
-    is_arc: BoolArray,
-    of_run: IntArray,
-) -> PrimitiveFit:
-    first, last = reach
-    centre, radius, direction = sums.fit(first, last)
-    backward = (direction * (closed[last] - closed[first])).sum(axis=1) < 0
-    return PrimitiveFit(
-        of_run=of_run,
-        first=first,
-        last=last,
-        is_arc=is_arc,
-        centre=np.where(is_arc[:, None], centre, sums.middles(first, last)),
-        radius=np.where(is_arc, radius, 0.0),
-        direction=np.where(backward[:, None], -direction, direction),
-    )
