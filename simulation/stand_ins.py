@@ -8,7 +8,7 @@ real one, done in this process. Nothing of this is part of the product.
 import asyncio
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
@@ -46,6 +46,7 @@ SEEN_COS: Final = float(np.cos(np.radians(75.0)))  # flattest surface that inspe
 SLIPPED_MM, SLIPPED_RAD = 4.0, 0.12  # inspection's own limits (`inspecting.InspectionLimits`)
 FOUND_MM, FOUND_RAD = 16.0, 0.55  # as far as the search for a slipped part goes
 MEASURED_MM, MEASURED_RAD = 0.15, 0.002  # how well a view measures the pose in the gripper
+NO_PART: Final = "no part"
 SIZE_PX: Final = (1280, 1024)  # size of both cameras, checked on stored pictures
 
 # A value of every judged part, so that what counts values has one to count.
@@ -333,19 +334,8 @@ class StandIns(Compute):
             self.views.append(
                 Seen(view_id, seen, planned, not is_hold_measured, self.has_recovered)
             )
-        return inspecting.ViewResult(
-            view_id=view_id,
-            evaluated=not reason,
-            reason=reason,
-            T_world_part_expected=T_world_part,
-            T_world_part_measured=None if reason else where.T_world_part,
-            shift_mm=0.0 if reason else shift,
-            turn_rad=0.0 if reason else turn,
-            residual_px=0.1,
-            findings=(),
-            compared=seen,
-            outline_px=np.zeros((0, 2)),
-        )
+        found = _result_of(view_id, T_world_part, where.T_world_part, reason, seen)
+        return found if reason else replace(found, shift_mm=shift, turn_rad=turn)
 
     async def inspect_on_table(
         self, view_id: str, T_world_part: Array, backlit: Grey, lit: Mapping[str, Grey]
@@ -360,19 +350,7 @@ class StandIns(Compute):
             seen = await asyncio.to_thread(self._in_sight, T, (), self._context.overhead)
             planned = self._promised.get(plain_name(view_id), np.zeros(count, dtype=bool))
             self.views.append(Seen(view_id, seen & planned, planned, True, self.has_recovered))
-        return inspecting.ViewResult(
-            view_id=view_id,
-            evaluated=is_there,
-            reason="" if is_there else "no part",
-            T_world_part_expected=T_world_part,
-            T_world_part_measured=T if is_there else None,
-            shift_mm=0.0,
-            turn_rad=0.0,
-            residual_px=0.1,
-            findings=(),
-            compared=seen,
-            outline_px=np.zeros((0, 2)),
-        )
+        return _result_of(view_id, T_world_part, T, "" if is_there else NO_PART, seen)
 
     async def find_hold(
         self,
@@ -416,28 +394,14 @@ class StandIns(Compute):
             boxes = tuple(
                 inspecting.WorldBox(np.array(b.T), np.array(b.half_mm)) for b in view.gripper_boxes
             )
-            compared, reason = np.zeros(count, dtype=bool), "no part"
+            compared, reason = np.zeros(count, dtype=bool), NO_PART
             if custody == ("arm" if is_held else "free"):
                 compared = self._in_sight(T, boxes, c.inspection if is_held else c.overhead)
                 reason = ""
             seen |= compared
             if view.planned is not None:
                 planned |= unpacked(view.planned, count)
-            results.append(
-                inspecting.ViewResult(
-                    view_id=view.id,
-                    evaluated=not reason,
-                    reason=reason,
-                    T_world_part_expected=T,
-                    T_world_part_measured=None if reason else T,
-                    shift_mm=0.0,
-                    turn_rad=0.0,
-                    residual_px=0.1,
-                    findings=(),
-                    compared=compared,
-                    outline_px=np.zeros((0, 2)),
-                )
-            )
+            results.append(_result_of(view.id, T, T, reason, compared))
         can_be_seen = seen | planned
         share = float(self.weights[seen].sum() / max(self.weights[can_be_seen].sum(), 1e-9))
         enough = share >= c.recipe.inspection.min_coverage
@@ -488,6 +452,25 @@ class StandIns(Compute):
 
 MAX_PLANS: Final = 64  # a few of each scene; more would look like a leak in a soak
 _plans: dict[str, Plan | str] = {}  # by start: a plan, or why there is none
+
+
+def _result_of(
+    view_id: str, T_expected: Array, T_measured: Array, reason: str, compared: Mask
+) -> inspecting.ViewResult:
+    """Return a view's result without findings; it is not evaluated where there is a reason."""
+    return inspecting.ViewResult(
+        view_id=view_id,
+        evaluated=not reason,
+        reason=reason,
+        T_world_part_expected=T_expected,
+        T_world_part_measured=None if reason else T_measured,
+        shift_mm=0.0,
+        turn_rad=0.0,
+        residual_px=0.1,
+        findings=(),
+        compared=compared,
+        outline_px=np.zeros((0, 2)),
+    )
 
 
 def _rotation(axis: Array, angle_rad: float) -> Array:
