@@ -13,7 +13,6 @@ import os
 import resource
 import shutil
 import signal
-import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator, Callable
@@ -23,7 +22,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
-CELLCTL: Final = (sys.executable, "-m", "controller.cli")
+from controller.launching import CELLCTL
+
 NICENESS: Final = 15
 CPU_LIMIT_S: Final = 1800
 WALL_LIMIT_S: Final = 3600.0

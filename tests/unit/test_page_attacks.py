@@ -25,6 +25,7 @@ from test_page_security import served
 
 from controller.cell.control import DecisionReply, Order, RunningCell
 from controller.cell.journal import rows
+from controller.launching import Launcher
 from controller.page.frame import Upload
 from controller.page.now.live import (
     WATCHER_OF_ADDRESS_MAX_COUNT,
@@ -32,7 +33,6 @@ from controller.page.now.live import (
     Live,
     TooManyWatchersError,
 )
-from controller.page.now.starting import Launcher
 from controller.page.security import Role
 from controller.page.security.sessions import ATTEMPT_MAX_COUNT
 from controller.page.serving import CONNECTION_MAX_COUNT, CONNECTION_OF_ONE_MAX_COUNT

@@ -30,11 +30,11 @@ from controller.cell.control import (
 )
 from controller.cell.journal import JOURNAL_NAME, Journal, rows
 from controller.cell.operator.questions import question_for
+from controller.launching import LAST_NAME, LOG_FOLDER, Launcher, RunRequest
 from controller.page import serving as serving_module
 from controller.page.frame.screens import RequestRefusedError
 from controller.page.frame.words import cell_words, teller
 from controller.page.now import live as live_module
-from controller.page.now.starting import LAST_NAME, LOG_FOLDER, Launcher, StartBody
 from controller.page.security import Account, PageAddress, Role
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -285,9 +285,9 @@ def test_a_run_is_started_with_what_the_person_filled_in(
     def nobody(_: RunningCell) -> StatusReply:
         raise NoRunError("no run at this cell")
 
-    begun: list[tuple[StartBody, str]] = []
+    begun: list[tuple[RunRequest, str]] = []
 
-    async def start(_: Launcher, body: StartBody, who: str) -> None:
+    async def start(_: Launcher, body: RunRequest, who: str) -> None:
         begun.append((body, who))
         if len(begun) == 1:
             raise RequestRefusedError(409, "run <b>x</b> has the cell")
@@ -330,14 +330,14 @@ def test_a_run_is_started_with_what_the_person_filled_in(
 def test_the_same_batch_again_is_the_one_primary_button_and_one_click(
     served: Served, tab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    begun: list[StartBody] = []
+    begun: list[RunRequest] = []
 
-    async def start(_: Launcher, body: StartBody, __: str) -> None:
+    async def start(_: Launcher, body: RunRequest, __: str) -> None:
         begun.append(body)
 
     monkeypatch.setattr(Launcher, "start", start)
     served.has_run = False
-    last = StartBody.model_validate(
+    last = RunRequest.model_validate(
         {"recipes": [{"recipe": "holder", "count": 7}, {"recipe": "holder", "count": 2}],
          "lot": "L 7", "serial_from": "A001", "speed": 5}
     )  # fmt: skip
@@ -386,9 +386,9 @@ def test_a_list_of_parts_is_sent_seen_and_started_and_a_dry_run_needs_none(
     def nobody(_: RunningCell) -> StatusReply:
         raise NoRunError("no run at this cell")
 
-    begun: list[StartBody] = []
+    begun: list[RunRequest] = []
 
-    async def start(_: Launcher, body: StartBody, who: str) -> None:
+    async def start(_: Launcher, body: RunRequest, who: str) -> None:
         begun.append(body)
 
     monkeypatch.setattr(RunningCell, "status", nobody)

@@ -24,10 +24,10 @@ from pydantic import ValidationError
 from controller.cell.control import socket_path
 from controller.cell.devices.lock import hold_cell
 from controller.config import load_cell
-from controller.page.frame import Setting
+from controller.launching import LAST_NAME, LOG_FOLDER, Launcher, LaunchRefusedError, RunRequest
 from controller.page.frame.screens import RequestRefusedError
 from controller.page.frame.uploads import Uploaded
-from controller.page.now.starting import LAST_NAME, LOG_FOLDER, Launcher, StartBody
+from controller.page.now.listing import keep_sent
 from controller.page.security import Role
 
 RECIPE = "name: plate\npart: plate.stl\n"
@@ -73,7 +73,8 @@ def project(tmp_path: Path) -> Path:
 @pytest.fixture
 def launcher(project: Path) -> Any:
     found = Launcher(
-        Setting(project / "runs", project),
+        project / "runs",
+        project,
         (sys.executable, str(project / "fake.py"), str(project)),
     )
     yield found
@@ -82,8 +83,8 @@ def launcher(project: Path) -> Any:
         found._work.process.wait(PATIENCE_S)
 
 
-def body(**more: object) -> StartBody:
-    return StartBody.model_validate({"recipes": [{"recipe": "recipes/plate.yaml"}], **more})
+def body(**more: object) -> RunRequest:
+    return RunRequest.model_validate({"recipes": [{"recipe": "recipes/plate.yaml"}], **more})
 
 
 def said(project: Path) -> dict[str, Any]:
@@ -141,7 +142,7 @@ async def test_what_a_run_prints_and_how_it_ends_is_shown(
     facts = launcher.facts()
     assert facts is not None
     assert (facts["who"], facts["code"], facts["lines"]) == ("ada", None, ["checking"])
-    with pytest.raises(RequestRefusedError, match="not ended"):
+    with pytest.raises(LaunchRefusedError, match="not ended"):
         await launcher.start(body(), "bob")
     (project / "end").touch()
     until(lambda: (launcher.facts() or {})["code"] is not None)
@@ -153,7 +154,7 @@ async def test_what_a_run_prints_and_how_it_ends_is_shown(
 
 def restarted(project: Path) -> Launcher:
     """Return the launcher of the page that is started again."""
-    return Launcher(Setting(project / "runs", project))
+    return Launcher(project / "runs", project)
 
 
 @pytest.mark.parametrize(
@@ -203,7 +204,7 @@ async def test_a_preparation_is_cancelled_also_where_sigint_is_ignored(
     launcher: Launcher, project: Path, is_deaf: bool
 ) -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if is_deaf else None
-    with pytest.raises(RequestRefusedError, match="being prepared"):
+    with pytest.raises(LaunchRefusedError, match="being prepared"):
         await launcher.cancel()
     await launcher.start(body(), "ada")
     if before is not None:
@@ -212,7 +213,7 @@ async def test_a_preparation_is_cancelled_also_where_sigint_is_ignored(
     await launcher.cancel()
     until(lambda: (launcher.facts() or {})["code"] is not None)
     assert (launcher.facts() or {})["code"] == -signal.SIGTERM
-    with pytest.raises(RequestRefusedError, match="being prepared"):
+    with pytest.raises(LaunchRefusedError, match="being prepared"):
         await launcher.cancel()
 
 
@@ -222,7 +223,7 @@ async def test_nothing_is_started_while_somebody_has_the_cell(
     runs = project / "runs"
     with (
         hold_cell(runs, load_cell(CELL), "another run", socket_path(runs)),
-        pytest.raises(RequestRefusedError, match="another run"),
+        pytest.raises(LaunchRefusedError, match="another run"),
     ):
         await launcher.start(body(), "ada")
     assert launcher.facts() is None
@@ -244,7 +245,7 @@ async def test_nothing_is_started_while_somebody_has_the_cell(
 async def test_a_file_that_is_not_offered_is_not_started(
     launcher: Launcher, recipe: str, cell: str, why: str
 ) -> None:
-    with pytest.raises(RequestRefusedError, match=why):
+    with pytest.raises(LaunchRefusedError, match=why):
         await launcher.start(body(recipes=[{"recipe": recipe}], cell=cell), "ada")
     assert launcher.facts() is None
 
@@ -297,12 +298,11 @@ async def test_a_value_is_never_taken_for_an_option(launcher: Launcher, project:
 def test_a_page_that_is_killed_leaves_the_run_alone(project: Path) -> None:
     page = f"""
 import asyncio, pathlib, sys, time
-from controller.page.frame import Setting
-from controller.page.now.starting import Launcher, StartBody
+from controller.launching import Launcher, RunRequest
 project = pathlib.Path({str(project)!r})
 command = (sys.executable, str(project / "fake.py"), str(project))
-body = StartBody.model_validate({{"recipes": [{{"recipe": "recipes/plate.yaml"}}]}})
-asyncio.run(Launcher(Setting(project / "runs", project), command).start(body, "ada"))
+body = RunRequest.model_validate({{"recipes": [{{"recipe": "recipes/plate.yaml"}}]}})
+asyncio.run(Launcher(project / "runs", project, command).start(body, "ada"))
 time.sleep(600)
 """
     killed = subprocess.Popen([sys.executable, "-c", page], start_new_session=True)
@@ -344,7 +344,7 @@ async def test_a_run_is_started_from_a_list_that_names_recipes_of_the_project_al
     launcher: Launcher, project: Path
 ) -> None:
     text = "Serial;Recipe;Lot\nA <1>;plate;L1\nA2;recipes/plate.yaml;\n\nB1;holder;L1\n"
-    found = await launcher.keep_list(sent(project, text))
+    found = await keep_sent(launcher, sent(project, text), project)
     assert (found["name"], found["parts"]) == ("monday.csv", 3)
     assert found["recipes"] == [("recipes/plate.yaml", 2), ("holder", 1)]
     await launcher.start(body(recipes=[], parts_list=found["key"]), "ada")
@@ -377,12 +377,12 @@ async def test_a_list_that_names_anything_else_is_refused_and_not_kept(
     launcher: Launcher, project: Path, text: str, why: str
 ) -> None:
     with pytest.raises(RequestRefusedError, match=why):
-        await launcher.keep_list(sent(project, text))
+        await keep_sent(launcher, sent(project, text), project)
     assert list((project / "runs").rglob("*.csv")) == []
 
 
 async def test_a_list_that_was_not_sent_starts_nothing(launcher: Launcher) -> None:
-    with pytest.raises(RequestRefusedError, match="send it again"):
+    with pytest.raises(LaunchRefusedError, match="send it again"):
         await launcher.start(body(recipes=[], parts_list="0" * 16), "ada")
     assert launcher.facts() is None
 

@@ -70,6 +70,9 @@ def texts(package: str) -> set[str]:
     found |= set(re.findall(rf"\bt\({TEXT}", script))
     for table in re.findall(r"^const \w+_WORDS = \{(.*?)^\};", script, re.M | re.S):
         found |= set(re.findall(rf": {TEXT}", table))
+    if package == "now":  # what it answers when a start is refused
+        code = (PAGE.parent / "launching" / "launcher.py").read_text(encoding="utf-8")
+        found |= set(re.findall(rf"LaunchRefusedError\(\s*\d+, {TEXT}", code))
     return found | set(re.findall(rf"\bword\(\s*{TEXT}", read(package, "*.py")))
 
 

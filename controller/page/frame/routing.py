@@ -9,6 +9,8 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import Route
 
+from controller.launching import LaunchRefusedError
+
 from ..security import Role
 from ..security.sessions import same
 from .screens import GetRoute, PostRoute, RequestRefusedError, Screen, Upload
@@ -131,7 +133,7 @@ def _refusing(answer: Endpoint) -> Endpoint:
     async def endpoint(request: Request) -> Response:
         try:
             return await answer(request)
-        except RequestRefusedError as error:
+        except (RequestRefusedError, LaunchRefusedError) as error:
             return refused(error.status, str(error))
 
     return endpoint

@@ -21,6 +21,7 @@ from controller.cell.control import (
     RunningCell,
     facts,
 )
+from controller.launching import Launcher, RunRequest
 
 from ..frame.drawn import mesh_of, packed, packed_json, run_picture
 from ..frame.screens import GetRoute, PostBody, PostRoute, Setting, Upload
@@ -28,9 +29,8 @@ from ..frame.uploads import Uploaded
 from ..frame.visit import Visit, address_of, refused
 from ..frame.words import word
 from ..security import Role
-from .listing import LIST_MAX_BYTES
+from .listing import LIST_MAX_BYTES, keep_sent
 from .live import Live, TooManyWatchersError
-from .starting import Launcher, StartBody
 
 FIRST_MAX: Final = 1000
 LIST_SUFFIXES: Final = frozenset({".csv"})
@@ -38,6 +38,10 @@ LIST_SUFFIXES: Final = frozenset({".csv"})
 
 class _OrderBody(PostBody):
     why: str = Field(default="", max_length=MAX_WHO)
+
+
+class StartBody(RunRequest, PostBody):
+    """A start, as the browser orders it."""
 
 
 class CancelBody(PostBody):
@@ -202,7 +206,8 @@ class NowAnswers:
 
     async def list(self, _: Visit, sent: Uploaded) -> Response:
         """Keep a list of parts for a run; return its key and its content."""
-        return JSONResponse(await self._launcher.keep_list(sent))
+        project = self._setting.project_dir.absolute()
+        return JSONResponse(await keep_sent(self._launcher, sent, project))
 
     async def cancel(self, _: Visit, __: CancelBody) -> Response:
         """End the preparation of the run that was started here; return whether that was done."""

@@ -14,9 +14,10 @@ from typing import Any, Final
 from controller.config import ConfigError
 from controller.config.files import read_text
 from controller.config.parts_list import COLUMNS, ListReader
+from controller.launching import Choices, Launcher, RecipeChoice
 
 from ..frame.screens import RequestRefusedError
-from .choices import Choices, RecipeChoice
+from ..frame.uploads import Uploaded
 
 LIST_MAX_BYTES: Final = 2_000_000
 LIST_MAX_COUNT: Final = 20_000  # parts
@@ -51,6 +52,26 @@ def write_list(sent: Path, to: Path, choices: Choices, project_dir: Path) -> Map
             writer.writerow([place, part.get("serial", ""), part.get("lot", "")])
     counts = Counter(found[part["recipe"]].key for part in parts)
     return {"parts": len(parts), "recipes": list(counts.items())}
+
+
+async def keep_sent(launcher: Launcher, sent: Uploaded, project_dir: Path) -> dict[str, Any]:
+    """Keep a list of parts sent by a person; return its key and its content, as JSON.
+
+    Parameters
+    ----------
+    launcher : starts runs by it
+    sent : CSV
+    project_dir : folder of the project
+
+    Raises
+    ------
+    RequestRefusedError : it cannot be read, or names a recipe that may not be started
+    LaunchRefusedError : it cannot be kept
+    """
+    key, found = await launcher.keep_list(
+        sent.name, lambda path, choices: write_list(sent.path, path, choices, project_dir)
+    )
+    return {"key": key, "name": sent.name, **found}
 
 
 def _parts(sent: Path) -> list[dict[str, str]]:
