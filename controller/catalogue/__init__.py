@@ -1,13 +1,15 @@
-"""Many parts at once: results computed ahead of a run by other processes.
+"""Many parts at once: the pool of processes, here or on a Dask cluster, and work ahead of a run.
 
-They only fill the cache (docs/parts.md, "Catalogues"). The process that prints or plans reads the
-cache as ever, and computes missing entries itself; so a process that ends early costs time, not
-correctness.
+Work ahead only fills the cache (docs/parts.md, "Catalogues"). The process that prints or plans
+reads the cache as ever, and computes missing entries itself; so a process that ends early costs
+time, not correctness. `results_of` gives any other orders to the pool, and yields their results.
 """
 
 from .ahead import Ahead, Made
-from .pool import LOCAL, Jobs, TaskPool, jobs_among, open_pool
+from .pool import LOCAL, Jobs, jobs_among, open_pool
+from .software import software_key
 from .tasks import PartWork, is_made
+from .working import PoolLostError, TaskPool, WorkPool, results_of
 
 __all__ = [
     "LOCAL",
@@ -15,8 +17,12 @@ __all__ = [
     "Jobs",
     "Made",
     "PartWork",
+    "PoolLostError",
     "TaskPool",
+    "WorkPool",
     "is_made",
     "jobs_among",
     "open_pool",
+    "results_of",
+    "software_key",
 ]

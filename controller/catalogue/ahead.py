@@ -1,15 +1,13 @@
 """The order of the work: parts are finished in the order of demand."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
-from typing import Any, Final
+from typing import Any
 
-from .pool import TaskPool
 from .tasks import Compiled, PartWork, certify_some, compile_one, prepare_one
-
-AHEAD: Final = 2  # tasks handed out for each worker: one in hand, one waiting
+from .working import AHEAD, PoolLostError, WorkPool
 
 Finish = Callable[[Any], None]
 
@@ -58,7 +56,7 @@ class Ahead:
     works : the parts, in the order in which they are wanted
     """
 
-    def __init__(self, pool: TaskPool, works: Sequence[PartWork]) -> None:
+    def __init__(self, pool: WorkPool, works: Sequence[PartWork]) -> None:
         self._pool = pool
         self._parts = [_Part(work) for work in works]
         self._waiting: list[_Task] = []
@@ -78,7 +76,11 @@ class Ahead:
         """
         part = self._parts[number]
         while part.left and self.failure is None:
-            done, _ = wait(self._running, return_when=FIRST_COMPLETED)
+            try:
+                done = self._pool.wait(self._running)
+            except PoolLostError as error:
+                self.failure = error
+                break
             for future in done:
                 self._take(future)
             self._feed()
@@ -106,8 +108,8 @@ class Ahead:
         ):
             task = heappop(self._waiting)
             try:
-                future = self._pool.executor.submit(task.call, *task.arguments)
-            except (BrokenExecutor, OSError, RuntimeError) as error:
+                future = self._pool.submit(task.call, *task.arguments)
+            except PoolLostError as error:
                 self.failure = error
                 return
             self._running[future] = task

@@ -1,19 +1,19 @@
-"""The workers: processes of this machine, or those of a Dask cluster."""
+"""The workers: processes of this machine, or those of a Dask cluster (`cluster.py`)."""
 
 import os
-from collections.abc import Iterator
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib import import_module
-from typing import Any, Final
+from typing import Final
 
 from controller.config import ConfigError
 from controller.processes import worker_pool
 
+from .cluster import open_cluster
+from .working import TaskPool, WorkPool
+
 MAX_COUNT: Final = 512
 SCHEMES: Final = ("tcp://", "tls://", "ucx://", "ws://", "wss://")  # schemes known to Dask
-CONNECT_S: Final = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +38,6 @@ class Jobs:
 LOCAL: Final = Jobs()
 
 
-@dataclass(frozen=True, slots=True)
-class TaskPool:
-    """An executor, and the number of tasks it runs at a time."""
-
-    executor: Executor
-    count: int
-
-
 def jobs_among(text: str | None) -> Jobs:
     """Return the value of ``--jobs``: a number, ``all``, or the address of a Dask scheduler.
 
@@ -68,45 +60,25 @@ def jobs_among(text: str | None) -> Jobs:
 
 
 @contextmanager
-def open_pool(jobs: Jobs) -> Iterator[TaskPool | None]:
+def open_pool(
+    jobs: Jobs, told: Callable[[str], None] = lambda words: None
+) -> Iterator[WorkPool | None]:
     """Yield the pool, None where this process works alone; at the end, drop unfinished work.
 
     Parameters
     ----------
     jobs : number of processes, or their pool
+    told : hears of a cluster's workers: how many there are, and which are refused
 
     Raises
     ------
-    ConfigError : Dask is not installed, its scheduler does not answer, or it has no worker
+    ConfigError : Dask is not installed, or its scheduler does not answer
     """
     if jobs.scheduler:
-        with _dask(jobs.scheduler) as pool:
-            yield pool
+        with open_cluster(jobs.scheduler, told) as cluster:
+            yield cluster
     elif jobs.is_alone:
         yield None
     else:
         with worker_pool("controller.catalogue", jobs.count) as pool:
             yield TaskPool(pool, jobs.count)
-
-
-@contextmanager
-def _dask(address: str) -> Iterator[TaskPool]:
-    try:
-        distributed: Any = import_module("distributed")  # untyped
-    except ImportError as error:
-        raise ConfigError(
-            f"--jobs {address}: Dask is not installed; install cellctl[dask]"
-        ) from error
-    try:
-        client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"--jobs {address}: no Dask scheduler answers there") from error
-    with client:
-        count = sum(client.ncores().values())
-        if not count:
-            raise ConfigError(f"--jobs {address}: the scheduler has no worker; start one")
-        executor = client.get_executor(pure=False, retries=1)
-        try:
-            yield TaskPool(executor, count)
-        finally:
-            executor.shutdown(wait=False)  # cancels what is not done

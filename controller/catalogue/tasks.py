@@ -133,9 +133,11 @@ def _planning(work: PartWork) -> tuple[CompiledPart, PlanCache]:
     """Return a part and its plans; a worker continues with its previous part."""
     assert work.cell is not None
     of_plans = replace(work, camera=None)
-    if not _last or _last[0][0] != of_plans:
-        part = load_part(work.path, work.options)
-        setup = planner_setup(work.recipe, load_cell(work.cell), part, work.density_g_cm3)
-        _last[:] = [(of_plans, part, PlanCache(part, setup.layout, setup.options))]
-    _, part, planning = _last[0]
+    known = _last[-1:]  # once: another thread of a worker may put its part there
+    if known and known[0][0] == of_plans:
+        return known[0][1:]
+    part = load_part(work.path, work.options)
+    setup = planner_setup(work.recipe, load_cell(work.cell), part, work.density_g_cm3)
+    planning = PlanCache(part, setup.layout, setup.options)
+    _last[:] = [(of_plans, part, planning)]
     return part, planning

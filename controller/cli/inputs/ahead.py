@@ -14,6 +14,11 @@ from ..terminal.output import warn
 MadeAhead = Callable[[int], Made | None]
 
 
+def told_of_workers(words: str) -> None:
+    """Print a sentence on a cluster's workers on stderr."""
+    warn(f"cellctl: {words}")
+
+
 def jobs_among(text: str | None, *, use_cache: bool = True) -> Jobs:
     """Return the jobs that ``--jobs`` names.
 
@@ -53,7 +58,7 @@ def working_ahead(jobs: Jobs, works: Sequence[PartWork]) -> Iterator[MadeAhead]:
         ]
     if not jobs.is_alone and all(map(is_made, works)):
         jobs = LOCAL  # to start processes takes longer than to read what there is
-    with open_pool(jobs) as pool:
+    with open_pool(jobs, told_of_workers) as pool:
         ahead = None if pool is None else Ahead(pool, works)
         is_elsewhere = has_warned = False
 
