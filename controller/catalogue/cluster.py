@@ -77,14 +77,24 @@ class Cluster:
         return max(1, sum(self._threads.values()))
 
     def submit(self, call: Callable[..., Any], *arguments: object) -> Future[Any]:
-        """Hand out a task, or keep it until there is a worker for it; see `WorkPool`."""
+        """Hand out a task, or keep it until there is a worker for it; return its future.
+
+        Raises
+        ------
+        PoolLostError : the scheduler went away
+        """
         future: Future[Any] = Future()
         task = self._tasks[future] = _Task(call, arguments)
         self._hand_out(task)
         return future
 
     def wait(self, futures: Collection[Future[Any]]) -> set[Future[Any]]:
-        """Return those that are done; see `WorkPool`."""
+        """Return those that are done; see `WorkPool`.
+
+        Raises
+        ------
+        PoolLostError : the scheduler went away
+        """
         while True:
             for future in [f for f, task in self._tasks.items() if _is_done(task)]:
                 self._settle(future, self._tasks[future].remote)

@@ -24,7 +24,7 @@ class WorkPool(Protocol):
         """Number of tasks that run at a time now, at least 1."""
 
     def submit(self, call: Callable[..., Any], *arguments: object) -> Future[Any]:
-        """Hand out a task.
+        """Hand out a task; return its future.
 
         Raises
         ------
@@ -48,7 +48,7 @@ class TaskPool:
     count: int
 
     def submit(self, call: Callable[..., Any], *arguments: object) -> Future[Any]:
-        """Hand out a task; see `WorkPool`.
+        """Hand out a task; return its future. See `WorkPool`.
 
         Raises
         ------
