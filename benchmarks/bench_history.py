@@ -53,6 +53,7 @@ from controller.history.tables import (
 RUN_PARTS = 100
 VALUES = 12  # characteristics of a part
 STEPS_COUNT = 18
+CELLS = 10
 RECIPES = ("featuretype", "flange_xy", "holder", "widget")
 BEGIN = datetime(2026, 1, 5, 6)  # noqa: DTZ001 - UTC, as the store has it
 REPEATS = 5
@@ -91,7 +92,7 @@ def made(parts: int) -> Iterator[tuple[dict[str, Any], list[dict[str, Any]]]]:
         first = found[0]
         run = {
             "run_no": run_no, "run_id": f"{at:%Y%m%d-%H%M%S}-000-{first['recipe']}",
-            "journal_no": 1, "recipe": first["recipe"], "cell": "bench", "lot": first["lot"],
+            "journal_no": 1, "recipe": first["recipe"], "cell": f"cell-{run_no % CELLS}", "lot": first["lot"],
             "operator": first["operator"], "recipe_sha256": "0" * 64, "cad_sha256": "0" * 64,
             "ordered": RUN_PARTS, "speed": 1.0, "is_dry": False, "is_emulated": False,
             "start": at, "end": found[-1]["end"], "wall_s": 7000.0, "outcome": "complete",
@@ -205,6 +206,7 @@ def questions(store: Store, parts: int) -> dict[str, float]:
         "list, operator, second half": median_ms(
             lambda: list_parts(store, Filters(operator="Ann", since=march), 50)
         ),
+        "list, a cell": median_ms(lambda: list_parts(store, Filters(cell="cell-3"), 50)),
         "list, what awaits a person": median_ms(
             lambda: list_parts(store, Filters(review="awaiting"), 50)
         ),
@@ -225,6 +227,7 @@ def questions(store: Store, parts: int) -> dict[str, float]:
         "figures of a recipe, by day": median_ms(
             lambda: figures(store, Filters(recipe="holder"), "day")
         ),
+        "figures of all, by cell": median_ms(lambda: figures(store, Filters(), "cell")),
         "figures of all, by recipe": median_ms(lambda: figures(store, Filters(), "recipe")),
     }
 

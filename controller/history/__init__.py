@@ -10,7 +10,7 @@ from .figures import GROUPS, EventCount, Figures, Group, figures, group_json, ta
 from .filling import Filled, fill, folded, journals_in
 from .migrations import SCHEMA_VERSION
 from .queries import REVIEWS_ASKED, SORTS, Filters, Listed, find_parts, list_parts
-from .series import characteristics_in, recipes_in, values_of
+from .series import cells_in, characteristics_in, recipes_in, values_of
 from .store import STORE_NAME, VARIABLE, Store, open_store, store_url
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "Listed",
     "NoSuchPartError",
     "Store",
+    "cells_in",
     "characteristics_in",
     "export",
     "figures",

@@ -20,7 +20,7 @@ from controller.results.exports import csv_cell
 from controller.results.pages import whole_file
 
 from .errors import HistoryError
-from .filling import folded
+from .filling import folded, journals_by_key
 from .queries import Filters
 from .store import Store
 from .tables import CHARACTERISTICS, JOURNALS, MEASUREMENTS, PARTS, REVIEWS, RUNS
@@ -35,7 +35,7 @@ VALUE_COLUMNS: Final = (
     "balloon", "id", "label", "kind", "unit", "nominal", "lower", "upper", "source", "measured",
     "U_k2", "verdict", "reason",
 )  # fmt: skip
-COLUMNS: Final = (*PART_COLUMNS, *VALUE_COLUMNS, "order_number")
+COLUMNS: Final = (*PART_COLUMNS, *VALUE_COLUMNS, "order_number", "cell")
 AT: Final = COLUMNS.index("review_at")
 
 
@@ -75,7 +75,7 @@ def _rows(db: Connection, filters: Filters) -> Iterator[tuple[Any, ...]]:
             p.is_emulated, p.verdict, p.tray, p.forecast_s, p.done_forecast_s, p.done_actual_s,
             p.finding_count, p.recovery_count, p.review, last.c.who, last.c.why, last.c.at,
             c.balloon, c.id, c.label, c.kind, c.unit, c.nominal, c.lower, c.upper, c.source,
-            m.measured, m.U, m.verdict, m.reason, p.order_number,
+            m.measured, m.U, m.verdict, m.reason, p.order_number, RUNS.c.cell,
         )
         .select_from(source)
         .where(filters.clause())
@@ -145,17 +145,23 @@ def _batches(found: Iterator[tuple[Any, ...]]) -> Iterator[Sequence[tuple[Any, .
 
 def _qif(db: Connection, filters: Filters, path: Path, runs_dir: Path) -> int:
     query = (
-        select(JOURNALS.c.file, RUNS.c.run_id, PARTS.c.number)
+        select(JOURNALS.c.key, RUNS.c.run_id, RUNS.c.cell, PARTS.c.number)
         .select_from(PARTS.join(RUNS).join(JOURNALS))
         .where(filters.clause())
         .order_by(RUNS.c.start, RUNS.c.run_no, PARTS.c.number)
     )
     parts: list[JudgedPart] = []
     try:
-        for (file, run), rows in groupby(db.execute(query).all(), key=lambda row: (row[0], row[1])):
-            numbers = [int(row[2]) for row in rows]
+        there = journals_by_key(runs_dir)
+        for (key, run, cell), rows in groupby(db.execute(query).all(), key=lambda row: row[:3]):
+            if key not in there:
+                raise HistoryError(
+                    f"QIF is made from the journal, and that of run {run} of cell {cell} is not "
+                    f"in {runs_dir}: export where that cell's runs are, or choose by --cell-name"
+                )
+            numbers = [int(row[3]) for row in rows]
             for i in range(0, len(numbers), QIF_CHUNK):
-                parts += judged_parts(folded(runs_dir / file, run, numbers[i : i + QIF_CHUNK]))
+                parts += judged_parts(folded(there[key], run, numbers[i : i + QIF_CHUNK]))
         data = qif_bytes(parts)
     except (JournalError, ResultsError) as error:
         raise HistoryError(f"QIF is made from the journal: {error}") from error

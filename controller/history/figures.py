@@ -14,12 +14,12 @@ from typing import Any, Final
 
 from sqlalchemy import ColumnElement, Integer, and_, case, cast, func, literal, or_, select
 
-from .queries import Filters
+from .queries import RUN_NAME, Filters
 from .rows_of import NO_VERDICT
 from .store import Store
 from .tables import ALARMS, FINDING_FACES, FINDINGS, PARTS, RECOVERIES, RUNS
 
-GROUPS: Final = ("day", "run", "recipe", "lot", "order", "operator")
+GROUPS: Final = ("day", "run", "recipe", "lot", "order", "operator", "cell")
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +187,8 @@ def _groups(clause: ColumnElement[bool], by: str) -> Any:  # noqa: ANN401 - a qu
         is_before,
     )
     is_first = is_judged & ~earlier.exists()
-    name = {"run": RUNS.c.run_id, "order": p.order_number}.get(by)
+    named = select(RUNS.c.run_no, RUNS.c.cell, RUN_NAME.label("run")).subquery()
+    name = {"run": named.c.run, "cell": named.c.cell, "order": p.order_number}.get(by)
     name = p[by] if name is None else name
 
     def count(condition: ColumnElement[bool]) -> ColumnElement[int]:
@@ -210,7 +211,9 @@ def _groups(clause: ColumnElement[bool], by: str) -> Any:  # noqa: ANN401 - a qu
             func.sum(p.recovery_count),
             func.sum(cast(p.is_emulated, Integer)),
         )
-        .select_from(PARTS.join(RUNS) if by == "run" else PARTS)
+        .select_from(
+            PARTS.join(named, named.c.run_no == p.run_no) if by in ("run", "cell") else PARTS
+        )
         .where(clause)
         .group_by(name)
         .order_by(name)

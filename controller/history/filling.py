@@ -5,10 +5,11 @@ replaced whole, in one transaction, so that filling again changes nothing and a 
 no half part. Where store and journal disagree, the journal is right (ADR 67).
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from sqlalchemy import Connection, Table, delete, func, insert, select, update
 
@@ -82,6 +83,16 @@ def journals_in(runs_dir: Path) -> tuple[Path, ...]:
     found = sorted(runs_dir.glob(SET_ASIDE))
     current = runs_dir / JOURNAL_NAME
     return (*found, *([current] if current.is_file() else []))
+
+
+def journals_by_key(runs_dir: Path) -> dict[str, Path]:
+    """Return the readable journals of a folder of runs, by the key that the store has of each."""
+    found = {}
+    for path in journals_in(runs_dir):
+        with suppress(JournalError):
+            first = row_at(path, 1)
+            found.update({} if first is None else {first.hash: path})
+    return found
 
 
 def fill(
@@ -217,9 +228,8 @@ def _forget_gone(store: Store, source: _Source) -> None:
             ids = db.execute(
                 select(PARTS.c.part_id, PARTS.c.number).where(PARTS.c.run_no == run_no)
             )
-            for key, number in ids.all():
-                if (run, number) not in parts:
-                    _delete_part(db, int(key))
+            gone = [int(key) for key, number in ids.all() if (run, number) not in parts]
+            _delete_parts(db, gone)
             if run not in runs:
                 db.execute(delete(ALARMS).where(ALARMS.c.run_no == run_no))
                 db.execute(delete(RUNS).where(RUNS.c.run_no == run_no))
@@ -229,10 +239,9 @@ def _forget_gone(store: Store, source: _Source) -> None:
         db.execute(update(RUNS).where(of_journal).values(read_seq=0))
 
 
-def _delete_part(db: Connection, key: int) -> None:
-    for table in OF_PART:
-        db.execute(delete(table).where(table.c.part_id == key))
-    db.execute(delete(PARTS).where(PARTS.c.part_id == key))
+def _delete_parts(db: Connection, keys: Collection[int]) -> None:
+    for table in (*OF_PART, PARTS) if keys else ():
+        db.execute(delete(table).where(table.c.part_id.in_(keys)))
 
 
 def _note_seen(store: Store, source: _Source, seq: int) -> None:
@@ -252,10 +261,11 @@ def _fill_run(
     store: Store, source: _Source, run: str, new: Sequence[NewRows], filled: Filled
 ) -> None:
     numbers = {one.part for one in new if one.part is not None}
+    is_run = (RUNS.c.run_id == run) & (RUNS.c.journal_no == source.number)
     with store.reading() as db:
-        still_open = select(PARTS.c.number).join(RUNS).where(RUNS.c.run_id == run, PARTS.c.is_open)
+        still_open = select(PARTS.c.number).join(RUNS).where(is_run, PARTS.c.is_open)
         numbers |= {int(number) for number in db.execute(still_open).scalars()}
-        last = db.execute(select(func.max(PARTS.c.number)).join(RUNS).where(RUNS.c.run_id == run))
+        last = db.execute(select(func.max(PARTS.c.number)).join(RUNS).where(is_run))
         # the run's end is told by its last part
         numbers |= {int(number) for number in last.scalars() if number is not None}
     ordered = sorted(numbers)
@@ -285,21 +295,22 @@ def _records(
 
 def _leave_out(store: Store, source: _Source, run: str, number: int, why: str) -> None:
     with store.writing() as db:
-        _take_back(db, source, run, number)
-        db.execute(
-            insert(LEFT_OUT).values(
-                journal_no=source.number, run_id=run[:200], number=number, why=why
-            )
-        )
+        _leave_out_in(db, source, run, number, why)
 
 
-def _take_back(db: Connection, source: _Source, run: str, number: int) -> None:
-    """Forget that a part, or a run, was left out."""
+def _leave_out_in(db: Connection, source: _Source, run: str, number: int, why: str) -> None:
+    _take_back(db, source, run, number)
+    values = {"journal_no": source.number, "run_id": run[:200], "number": number, "why": why}
+    db.execute(insert(LEFT_OUT).values(values))
+
+
+def _take_back(db: Connection, source: _Source, run: str, *numbers: int) -> None:
+    """Forget that parts, or a run, were left out."""
     db.execute(
         delete(LEFT_OUT).where(
             LEFT_OUT.c.journal_no == source.number,
             LEFT_OUT.c.run_id == run[:200],
-            LEFT_OUT.c.number == number,
+            LEFT_OUT.c.number.in_(numbers),
         )
     )
 
@@ -308,21 +319,28 @@ def _write(store: Store, source: _Source, record: RunRecord) -> int:
     """Write a run and parts of it; return the number of parts."""
     if not any(isinstance(entry.row, rows.RunBegan) for entry in record.log):
         return 0  # an acknowledgement, or a report noted later: no run of its own
-    found, count = part_rows(record), 0
+    found = part_rows(record)
     with store.writing() as db:
         run_no = _write_run(db, source, record)
         if run_no is None:
+            _leave_out_in(
+                db,
+                source,
+                record.run_id,
+                0,
+                f"cell {record.cell_name} has it from another journal: this is a copy, or two "
+                "cells have one name (`name:` in the cell file)",
+            )
             return 0
-        for part in found:
-            count += _write_part(db, source, run_no, part)
-            _take_back(db, source, record.run_id, part.number)
-    return count
+        _take_back(db, source, record.run_id, 0, *(part.number for part in found))
+        return _write_parts(db, source, run_no, found)
 
 
 def _write_run(db: Connection, source: _Source, record: RunRecord) -> int | None:
     """Write the row of a run and its alarms; return its number, None if another journal has it."""
     values = {**run_row(record), "journal_no": source.number, "read_seq": source.whole.seq}
-    known = db.execute(select(RUNS).where(RUNS.c.run_id == record.run_id)).one_or_none()
+    is_run = (RUNS.c.cell == record.cell_name) & (RUNS.c.run_id == record.run_id)
+    known = db.execute(select(RUNS).where(is_run)).one_or_none()
     if known is None:
         made = db.execute(insert(RUNS).values(run_id=record.run_id, **values)).inserted_primary_key
         assert made is not None
@@ -337,37 +355,40 @@ def _write_run(db: Connection, source: _Source, record: RunRecord) -> int | None
     if alarms:
         seqs = [alarm["seq"] for alarm in alarms]
         db.execute(delete(ALARMS).where(ALARMS.c.run_no == run_no, ALARMS.c.seq.in_(seqs)))
-        db.execute(insert(ALARMS), [{"run_no": run_no, **alarm} for alarm in alarms])
+        _insert(db, ALARMS, [{"run_no": run_no, **alarm} for alarm in alarms])
     return run_no
 
 
-def _write_part(db: Connection, source: _Source, run_no: int, found: PartRows) -> int:
-    key = part_id(run_no, found.number)
-    read = db.execute(select(PARTS.c.read_seq).where(PARTS.c.part_id == key)).scalar_one_or_none()
-    if read is not None and read > source.whole.seq:
-        return 0  # another process has read more of the journal meanwhile
-    if read is not None:
-        _delete_part(db, key)
-    keys = {"part_id": key, "run_no": run_no, "read_seq": source.whole.seq}
-    db.execute(insert(PARTS).values(**keys, **found.part))
-    numbers = _characteristics(db, found)
+def _write_parts(db: Connection, source: _Source, run_no: int, found: Sequence[PartRows]) -> int:
+    """Write parts of a run, all rows of a table at once; return their number."""
+    by_key = {part_id(run_no, part.number): part for part in found}
+    known = select(PARTS.c.part_id, PARTS.c.read_seq).where(PARTS.c.part_id.in_(by_key))
+    read = {int(key): int(seq) for key, seq in db.execute(known)}
+    # of those left out here, another process has read more of the journal meanwhile
+    written = {k: part for k, part in by_key.items() if read.get(k, 0) <= source.whole.seq}
+    _delete_parts(db, written.keys() & read.keys())
+    keys = {"run_no": run_no, "read_seq": source.whole.seq}
+    _insert(db, PARTS, [{"part_id": k, **keys, **part.part} for k, part in written.items()])
+    numbers = _characteristics(db, written.values())
     for table in OF_PART:
-        values = [{"part_id": key, **one} for one in found.of_part[table]]
+        values = [
+            {"part_id": k, **one} for k, part in written.items() for one in part.of_part[table]
+        ]
         if table is MEASUREMENTS:
             for one in values:
                 one["characteristic_no"] = numbers[one["characteristic_no"]]
         _insert(db, table, values)
-    return 1
+    return len(written)
 
 
-def _insert(db: Connection, table: Table, values: list[dict[str, object]]) -> None:
+def _insert(db: Connection, table: Table, values: list[dict[str, Any]]) -> None:
     if values:
         db.execute(insert(table), values)
 
 
-def _characteristics(db: Connection, found: PartRows) -> dict[str, int]:
+def _characteristics(db: Connection, found: Iterable[PartRows]) -> dict[str, int]:
     """Return the number of each characteristic by its key; new ones are written."""
-    wanted = found.characteristics
+    wanted = {key: values for part in found for key, values in part.characteristics.items()}
     if not wanted:
         return {}
     c = CHARACTERISTICS.c
@@ -377,9 +398,8 @@ def _characteristics(db: Connection, found: PartRows) -> dict[str, int]:
             select(c.key, c.characteristic_no).where(c.key.in_(list(wanted)))
         )
     }
-    for key, values in wanted.items():
-        if key not in known:
-            made = db.execute(insert(CHARACTERISTICS).values(key=key, **values))
-            assert made.inserted_primary_key is not None
-            known[key] = int(made.inserted_primary_key[0])
+    new = [{"key": key, **values} for key, values in wanted.items() if key not in known]
+    if new:
+        made = insert(CHARACTERISTICS).returning(c.key, c.characteristic_no)
+        known |= {str(key): int(number) for key, number in db.execute(made, new)}
     return known

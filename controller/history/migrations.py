@@ -7,12 +7,22 @@ content of the store stays meanwhile: journals that are gone cannot be read agai
 from collections.abc import Callable
 from typing import Any, Final
 
-from sqlalchemy import Column, Connection, inspect, text, update
+from sqlalchemy import Column, Connection, MetaData, inspect, text, update
 from sqlalchemy.schema import CreateColumn
 
 from controller.cell.journal import GENESIS
 
-from .tables import ALARMS, FINDINGS, JOURNALS, PARTS, RECOVERIES, REVIEWS, STEPS, VERSION
+from .tables import (
+    ALARMS,
+    FINDINGS,
+    JOURNALS,
+    PARTS,
+    RECOVERIES,
+    REVIEWS,
+    RUNS,
+    STEPS,
+    VERSION,
+)
 
 
 def _with_steps(db: Connection) -> None:
@@ -38,6 +48,30 @@ def _with_orders(db: Connection) -> None:
     _add(db, PARTS.c.order_number)
 
 
+def _with_cells(db: Connection) -> None:
+    """Make runs unique by cell and id: two cells may start one recipe in one millisecond."""
+    known = inspect(db).get_unique_constraints(RUNS.name)
+    if not any(one["column_names"] == ["run_id"] for one in known):
+        return
+    if db.dialect.name != "sqlite":
+        for one in known:
+            db.execute(text(f"ALTER TABLE {RUNS.name} DROP CONSTRAINT {one['name']}"))
+        db.execute(
+            text(f"ALTER TABLE {RUNS.name} ADD CONSTRAINT runs_of_cell UNIQUE (run_id, cell)")
+        )
+        return
+    # SQLite drops no constraint: the rows go into a table without it, which takes the name
+    there = [one["name"] for one in inspect(db).get_columns(RUNS.name)]
+    apart = MetaData()
+    JOURNALS.to_metadata(apart)  # which it names
+    new = RUNS.to_metadata(apart, name=f"{RUNS.name}_new")
+    new.create(db)
+    names = ", ".join(f'"{name}"' for name in there)
+    db.execute(text(f"INSERT INTO {new.name} ({names}) SELECT {names} FROM {RUNS.name}"))
+    db.execute(text(f"DROP TABLE {RUNS.name}"))
+    db.execute(text(f"ALTER TABLE {new.name} RENAME TO {RUNS.name}"))
+
+
 def _add(db: Connection, *columns: Column[Any]) -> None:
     """Add columns, the indexes that have all theirs, and have the journals read once more."""
     for column in columns:
@@ -58,6 +92,7 @@ MIGRATIONS: Final[tuple[Callable[[Connection], None], ...]] = (
     _with_reviews,
     _with_followed,
     _with_orders,
+    _with_cells,
 )
 SCHEMA_VERSION: Final = 1 + len(MIGRATIONS)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Final
 
-from sqlalchemy import Column, ColumnElement, Connection, and_, func, select
+from sqlalchemy import Column, ColumnElement, Connection, and_, case, func, select
 
 from .errors import HistoryError, NoSuchPartError
 from .store import Store
@@ -14,6 +14,7 @@ from .tables import (
     CHARACTERISTICS,
     FINDING_FACES,
     FINDINGS,
+    JOURNALS,
     MEASUREMENTS,
     PARTS,
     RECOVERIES,
@@ -36,7 +37,26 @@ SORTS: Final[Mapping[str, Column[Any]]] = {
     "findings": PARTS.c.finding_count,
 }
 NAMED_COUNT: Final = 12  # runs that an error names
-_HIDDEN: Final = frozenset({"part_id", "run_no", "ordinal", "read_seq", "characteristic_no", "key"})
+_HIDDEN: Final = frozenset(
+    {"part_id", "run_no", "ordinal", "read_seq", "characteristic_no", "key", "run_name"}
+)
+_OTHER: Final = RUNS.alias("other_run")
+_IS_SHARED: Final = (
+    select(_OTHER.c.run_no)
+    .where(_OTHER.c.run_id == RUNS.c.run_id, _OTHER.c.run_no != RUNS.c.run_no)
+    .correlate(RUNS)
+    .exists()
+)
+# a run's name: its id, behind the cell's name where other cells have the same
+RUN_NAME: Final[ColumnElement[str]] = case(
+    (_IS_SHARED, RUNS.c.cell + "/" + RUNS.c.run_id), else_=RUNS.c.run_id
+)
+# what a part's name is made of, with its number; `part_json` and `part_name` take it
+NAME: Final[tuple[ColumnElement[Any], ...]] = (
+    RUNS.c.run_id,
+    RUNS.c.cell,
+    RUN_NAME.label("run_name"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +76,13 @@ class Filters:
     order_number: str = ""
     operator: str = ""
     run: str = ""
+    cell: str = ""
     since: datetime | None = None
     until: datetime | None = None
     review: str = ""
 
     def clause(self, *, is_each: bool = False) -> ColumnElement[bool]:
-        """Return the condition on `PARTS`; joins `RUNS` if a run is named.
+        """Return the condition on `PARTS`; asks `RUNS` if a run or a cell is named.
 
         Parameters
         ----------
@@ -85,11 +106,11 @@ class Filters:
             clauses.append(c.review > "")  # which an index answers
         elif self.review:
             clauses.append(c.review == self.review)
-        if self.run:
+        if self.run or self.cell:
+            of_run = RUNS.c.run_id.startswith(self.run, autoescape=True)
+            runs = select(RUNS.c.run_no).where(of_run)
             clauses.append(
-                c.run_no.in_(
-                    select(RUNS.c.run_no).where(RUNS.c.run_id.startswith(self.run, autoescape=True))
-                )
+                c.run_no.in_(runs.where(RUNS.c.cell == self.cell) if self.cell else runs)
             )
         if self.since is not None:
             clauses.append(c.start >= self.since)
@@ -141,7 +162,7 @@ def list_parts(
         select(PARTS.c.part_id).where(clause).order_by(order, *newest).limit(limit).offset(skipped)
     ).subquery()
     query = (
-        select(PARTS, RUNS.c.run_id)
+        select(PARTS, *NAME)
         .join(RUNS)
         .join(keys, keys.c.part_id == PARTS.c.part_id)
         .order_by(order, *newest)
@@ -158,7 +179,8 @@ def find_parts(store: Store, word: str) -> tuple[Mapping[str, Any], ...]:
     Parameters
     ----------
     store : store to read
-    word : a serial number, or ``RUN/NUMBER`` with a run's id or an unambiguous beginning of it
+    word : a serial number, or ``RUN/NUMBER`` with a run's id or an unambiguous beginning of it;
+        ``CELL/RUN/NUMBER`` where several cells have such a run
 
     Raises
     ------
@@ -166,7 +188,8 @@ def find_parts(store: Store, word: str) -> tuple[Mapping[str, Any], ...]:
     HistoryError : several runs begin so, or the store cannot be read
     """
     with store.reading() as db:
-        query = select(PARTS, RUNS.c.run_id, RUNS.c.cell, RUNS.c.outcome).join(RUNS)
+        query = select(PARTS, *NAME, RUNS.c.outcome, JOURNALS.c.key.label("journal"))
+        query = query.select_from(PARTS.join(RUNS).join(JOURNALS))
         found = (
             db.execute(
                 query.where(PARTS.c.serial == word, PARTS.c.is_counted).order_by(
@@ -192,26 +215,37 @@ def find_parts(store: Store, word: str) -> tuple[Mapping[str, Any], ...]:
         return tuple(_full(db, row) for row in found)
 
 
-def _run_no(db: Connection, run: str) -> int:
+def _run_no(db: Connection, word: str) -> int:
+    cell, _, run = word.rpartition("/")
+    is_meant = RUNS.c.run_id.startswith(run, autoescape=True)
+    if cell:
+        is_meant &= RUNS.c.cell == cell
     found = db.execute(
-        select(RUNS.c.run_no, RUNS.c.run_id)
-        .where(RUNS.c.run_id.startswith(run, autoescape=True))
-        .order_by(RUNS.c.run_id)
+        select(RUNS.c.run_no, *NAME).where(is_meant).order_by(RUNS.c.run_id, RUNS.c.cell)
     ).all()
     exact = [one for one in found if one.run_id == run] or found
     if len(exact) > 1:
-        names = ", ".join(one.run_id for one in exact[:NAMED_COUNT])
-        raise HistoryError(f"{len(exact)} runs begin with `{run}`; name one: {names}")
+        names = ", ".join(one.run_name for one in exact[:NAMED_COUNT])
+        raise HistoryError(f"{len(exact)} runs begin with `{word}`; name one: {names}")
     return int(exact[0].run_no) if exact else -1
 
 
 def part_json(row: Mapping[Any, Any]) -> Mapping[str, Any]:
     """Return a row as plain JSON values, without the store's own keys; a part gets its name."""
     found: dict[str, Any] = {key: _plain(value) for key, value in row.items() if key not in _HIDDEN}
-    if "run_id" in found and "number" in found:
-        run = found.pop("run_id")
-        return {"part": f"{run}/{found['number']}", "run": run, **found}
+    if "run_name" in row:
+        return {"part": part_name(row), "run": found.pop("run_id"), **found}
     return found
+
+
+def part_name(row: Mapping[Any, Any]) -> str:
+    """Return a part's name, by which `find_parts` finds it.
+
+    Parameters
+    ----------
+    row : has `NAME` and the part's number
+    """
+    return f"{row['run_name']}/{row['number']}"
 
 
 def _plain(value: object) -> object:

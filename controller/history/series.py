@@ -6,7 +6,7 @@ from typing import Any
 
 from sqlalchemy import select
 
-from .queries import Filters, part_json
+from .queries import NAME, Filters, part_json
 from .store import Store
 from .tables import CHARACTERISTICS, MEASUREMENTS, PARTS, RUNS
 
@@ -20,6 +20,18 @@ def recipes_in(store: Store) -> tuple[str, ...]:
     """
     with store.reading() as db:
         query = select(PARTS.c.recipe).distinct().order_by(PARTS.c.recipe)
+        return tuple(str(name) for name in db.execute(query).scalars())
+
+
+def cells_in(store: Store) -> tuple[str, ...]:
+    """Return the names of all cells that runs are of, in their order.
+
+    Raises
+    ------
+    HistoryError : the store cannot be read
+    """
+    with store.reading() as db:
+        query = select(RUNS.c.cell).distinct().order_by(RUNS.c.cell)
         return tuple(str(name) for name in db.execute(query).scalars())
 
 
@@ -64,7 +76,7 @@ def values_of(
     ).subquery()
     query = (
         select(
-            RUNS.c.run_id, p.number, p.serial, p.start, p.review,
+            *NAME, p.number, p.serial, p.start, p.review,
             m.measured, m.U, m.verdict, c.lower, c.upper, c.nominal, c.unit, c.label,
         )
         .select_from(PARTS.join(RUNS).join(newest, newest.c.part_id == p.part_id))

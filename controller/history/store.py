@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from sqlalchemy import Connection, Engine, create_engine, event, inspect, select, update
+from sqlalchemy import Connection, Engine, create_engine, event, func, inspect, select, update
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
 
@@ -15,6 +15,7 @@ from .tables import METADATA, VERSION
 
 STORE_NAME: Final = "history.sqlite"
 VARIABLE: Final = "CELLCTL_HISTORY"
+TURN: Final = 0x63656C6C  # PostgreSQL's advisory lock of those who make or change the tables
 BUSY_S: Final = 30.0  # longest wait of one filler for another
 
 
@@ -63,7 +64,8 @@ class Store:
         if names and VERSION.name not in names:
             raise HistoryError(f"store {self.name}: holds tables that are not of cellctl")
         with self.engine.begin() as db:
-            if not names:
+            self._take_turns(db)
+            if not inspect(db).has_table(VERSION.name):
                 METADATA.create_all(db)
                 db.execute(VERSION.insert().values(one=1, version=SCHEMA_VERSION))
                 return
@@ -74,6 +76,13 @@ class Store:
                     f"{SCHEMA_VERSION}: use the cellctl that wrote it, or another store (--store)"
                 )
             migrate(db, version)
+
+    def _take_turns(self, db: Connection) -> None:
+        """Wait until nobody else makes or changes the tables, until the end of the transaction."""
+        if self._is_sqlite:
+            db.exec_driver_sql("BEGIN IMMEDIATE")  # else its driver begins with the first row
+        else:
+            db.execute(select(func.pg_advisory_xact_lock(TURN)))
 
     @property
     def file(self) -> Path | None:
@@ -145,7 +154,10 @@ def _version(db: Connection) -> int:
 
 def _engine(url: str, *, is_sqlite: bool) -> Engine:
     if not is_sqlite:
-        return create_engine(url, pool_pre_ping=True)
+        engine = create_engine(url, pool_pre_ping=True)
+        # its driver sends each row of many by itself; as one statement they go in one round trip
+        engine.dialect.use_insertmanyvalues_wo_returning = True
+        return engine
     engine = create_engine(url, connect_args={"timeout": BUSY_S})
 
     def prepare(connection: Any, _: object) -> None:  # noqa: ANN401 - of the driver

@@ -19,6 +19,7 @@ from sqlalchemy import (
     String,
     Table,
     Text,
+    UniqueConstraint,
     false,
     true,
 )
@@ -54,7 +55,7 @@ RUNS: Final = Table(
     "runs",
     METADATA,
     Column("run_no", Integer, primary_key=True),
-    Column("run_id", String(200), nullable=False, unique=True),
+    Column("run_id", String(200), nullable=False),
     Column("journal_no", ForeignKey("journals.journal_no"), nullable=False),
     Column("recipe", Text, nullable=False),
     Column("cell", Text, nullable=False),
@@ -72,6 +73,7 @@ RUNS: Final = Table(
     Column("outcome", Text, nullable=False),
     Column("message", Text, nullable=False),
     Column("read_seq", BigInteger, nullable=False),  # the journal as it was read for this row
+    UniqueConstraint("run_id", "cell", name="runs_of_cell"),  # since version 6
 )
 PARTS: Final = Table(
     "parts",

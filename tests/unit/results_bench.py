@@ -145,6 +145,7 @@ class RunWriter:
         speed: float = 10.0,
         unit: str | None = "mm",
         papers: Papers = Papers(),  # noqa: B008 - frozen
+        cell_name: str = "",
     ) -> None:
         self.runs_dir, self.run_id = runs_dir, run_id
         self.folder = runs_dir / run_id
@@ -152,6 +153,7 @@ class RunWriter:
         self.journal = Journal(runs_dir / JOURNAL_NAME, run_id)
         self.number = 0
         cell = load_cell(CELL)
+        cell = cell.model_copy(update={"name": cell_name or cell.name})
         recipe = load_recipe(RECIPE).model_copy(update={"name": name, "unit": unit})
         order = RunOrder(
             recipe_path=RECIPE,

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+import multiprocessing
 import sqlite3
+import subprocess
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from datetime import UTC, datetime, timedelta
 from itertools import count
 from pathlib import Path
@@ -18,7 +21,7 @@ from results_bench import RunWriter, bad_run, good_run, verdict, view
 
 from controller.cell.batch import Papers
 from controller.cell.custody import Custody
-from controller.cell.journal import Stamps, rows
+from controller.cell.journal import JOURNAL_NAME, Stamps, append_beside, rows
 from controller.cli import main
 from controller.history import (
     SCHEMA_VERSION,
@@ -34,8 +37,12 @@ from controller.history import (
     open_store,
     store_url,
 )
+from controller.history.exporting import export
+from controller.history.keeping import old_pictures
+from controller.history.reviewing import PartDecision, decide
 from controller.history.tables import METADATA, OF_PART
 from controller.inspection import Verdict
+from controller.page.records.work import fill_store
 
 
 @pytest.fixture(scope="module")
@@ -578,3 +585,176 @@ def test_yields_on_the_command_line(runs: Path, capsys: pytest.CaptureFixture[st
     assert main(["stats", *where, "--by", "moon"]) == 2
     assert main(["stats", "featuretype", *where]) == 0  # as before: no characteristic here
     assert "no characteristic was measured" in capsys.readouterr().out
+
+
+def cell_with_a_part(folder: Path, name: str, serial: str, parts: int = 1) -> RunWriter:
+    """Let a cell of a name write a run; every cell's has one id."""
+    folder.mkdir(parents=True)
+    serials = (serial,) if parts == 1 else tuple(f"{serial}-{k}" for k in range(parts))
+    writer = RunWriter(folder, count=parts, papers=Papers(serials=serials), cell_name=name)
+    for _ in range(parts):
+        part(writer)
+    writer.end()
+    return writer
+
+
+def test_two_cells_that_start_a_recipe_in_one_millisecond_both_go_in(
+    store: Store, tmp_path: Path
+) -> None:
+    cells = {name: tmp_path / name for name in ("cell-1", "cell-2")}
+    for i, (name, folder) in enumerate(cells.items(), 1):
+        cell_with_a_part(folder, name, f"SN{i}")
+        assert fill(store, folder).part_count == 1
+    for folder in cells.values():  # filling again finds each its own
+        assert fill(store, folder).problems == []
+    run = "20260301-120000-000-featuretype"
+    listed = list_parts(store, Filters(), 9).parts
+    assert {(one["cell"], one["part"], one["run"]) for one in listed} == {
+        (name, f"{name}/{run}/1", run) for name in cells
+    }
+    assert [one["serial"] for one in list_parts(store, Filters(cell="cell-2"), 9).parts] == ["SN2"]
+    (found,) = find_parts(store, "cell-1/20260301/1")
+    assert (found["serial"], found["cell"], found["part"]) == ("SN1", "cell-1", f"cell-1/{run}/1")
+    with pytest.raises(HistoryError, match=f"name one: cell-1/{run}, cell-2/{run}"):
+        find_parts(store, f"{run}/1")
+    assert [one.name for one in figures(store, Filters(), "cell").groups] == ["cell-1", "cell-2"]
+    by_run = figures(store, Filters(), "run").groups
+    assert [(one.name, one.part_count) for one in by_run] == [
+        (f"cell-1/{run}", 1), (f"cell-2/{run}", 1),
+    ]  # fmt: skip
+    # a person's verdict goes into the journal of the part's own cell
+    with pytest.raises(HistoryError, match=r"of cell cell-2, whose journal is not in .*cell-1"):
+        decide(store, cells["cell-1"], "SN2", PartDecision("reject", "Ann", "a scratch"))
+    part_now = decide(store, cells["cell-2"], "SN2", PartDecision("reject", "Ann", "a scratch"))
+    assert (part_now["part"], part_now["review"]) == (f"cell-2/{run}/1", "reject")
+    assert find_parts(store, "SN1")[0]["review"] == ""
+    with pytest.raises(HistoryError, match=r"cell-1 is not in .*cell-2"):
+        export(store, Filters(cell="cell-1"), tmp_path / "o.qif", cells["cell-2"])
+    assert export(store, Filters(cell="cell-1"), tmp_path / "o.qif", cells["cell-1"]) == 1
+
+
+def test_two_cells_of_one_name_are_named_and_the_first_stays(store: Store, tmp_path: Path) -> None:
+    for i in (1, 2):
+        cell_with_a_part(tmp_path / str(i), "cell-1", f"SN{i}")
+    assert fill(store, tmp_path / "1").problems == []
+    (problem,) = fill(store, tmp_path / "2").problems
+    assert "cell cell-1 has it from another journal" in problem
+    assert [one["serial"] for one in list_parts(store, Filters(), 9).parts] == ["SN1"]
+
+
+def test_old_pictures_of_a_cell_are_not_told_by_another_cells_runs(
+    store: Store, tmp_path: Path
+) -> None:
+    mine = cell_with_a_part(tmp_path / "1", "cell-1", "SN1")
+    names = [path.relative_to(mine.folder).as_posix() for path in mine.folder.rglob("*.png")]
+    stored = rows.FilesStored(dict.fromkeys(names, "0" * 64))
+    append_beside(tmp_path / "1" / JOURNAL_NAME, mine.run_id, stored)
+    cell_with_a_part(tmp_path / "2", "cell-2", "SN2")
+    for folder in ("1", "2"):
+        fill(store, tmp_path / folder)
+    # the only run of a cell is its newest, whenever another cell ran
+    assert list(old_pictures(store, tmp_path / "1", datetime.max)) == []  # noqa: DTZ901
+    assert list(old_pictures(store, tmp_path / "nowhere", datetime.max)) == []  # noqa: DTZ901
+
+
+def test_a_store_of_version_5_takes_runs_of_one_id_from_two_cells(
+    store: Store, tmp_path: Path
+) -> None:
+    cell_with_a_part(tmp_path / "1", "cell-1", "SN1")
+    fill(store, tmp_path / "1")
+    runs_table = METADATA.tables["runs"]
+    with store.engine.begin() as db:
+        if store.file:
+            apart = sqlalchemy.MetaData()
+            METADATA.tables["journals"].to_metadata(apart)
+            before = runs_table.to_metadata(apart, name="runs_before")
+            before.constraints = {one for one in before.constraints if one.name != "runs_of_cell"}
+            before.append_constraint(sqlalchemy.UniqueConstraint("run_id"))
+            before.create(db)
+            db.execute(sqlalchemy.text("INSERT INTO runs_before SELECT * FROM runs"))
+            db.execute(sqlalchemy.text("DROP TABLE runs"))
+            db.execute(sqlalchemy.text("ALTER TABLE runs_before RENAME TO runs"))
+        else:
+            db.execute(sqlalchemy.text("ALTER TABLE runs DROP CONSTRAINT runs_of_cell"))
+            db.execute(sqlalchemy.text("ALTER TABLE runs ADD UNIQUE (run_id)"))
+        db.execute(sqlalchemy.text("UPDATE store_version SET version = 5"))
+    before_rows = all_rows(store)
+    newer = open_store(store.engine.url.render_as_string(hide_password=False))
+    try:
+        after_rows = all_rows(newer)
+        assert {**after_rows, "store_version": []} == {**before_rows, "store_version": []}
+        cell_with_a_part(tmp_path / "2", "cell-2", "SN2")
+        assert fill(newer, tmp_path / "2").part_count == 1
+    finally:
+        newer.close()
+
+
+def test_ten_parts_take_a_server_as_many_round_trips_as_one(postgres: str, tmp_path: Path) -> None:
+    trips = {}
+    with postgres_server.counted(postgres) as wire:
+        for i, count_ in enumerate((1, 10)):
+            folder = tmp_path / str(i)
+            cell_with_a_part(folder, f"cell-{i}", f"SN{i}", count_)
+            store = open_store(wire.url)
+            try:
+                before = wire.round_trips
+                assert fill(store, folder).part_count == count_
+                trips[count_] = wire.round_trips - before
+            finally:
+                METADATA.drop_all(store.engine)
+                store.close()
+    assert 0 < trips[10] <= trips[1]
+
+
+@pytest.mark.slow
+def test_ten_cells_fill_one_store_at_once_and_psql_reads_them(
+    postgres: str, tmp_path: Path
+) -> None:
+    folders = [tmp_path / f"cell-{i}" for i in range(10)]
+    for i, folder in enumerate(folders):
+        cell_with_a_part(folder, folder.name, f"SN{i}", 3)
+    apart = multiprocessing.get_context("spawn")
+    try:
+        with ProcessPoolExecutor(len(folders), mp_context=apart) as pool:  # they make it, too
+            ends = list(pool.map(fill_store, [postgres] * len(folders), folders))
+        assert [problems for problems, _ in ends] == [()] * len(folders)
+        query = (
+            "SELECT r.cell, count(*), count(DISTINCT r.run_id), sum(s.n) FROM parts p JOIN runs r "
+            "USING (run_no) JOIN (SELECT part_id, count(*) AS n FROM steps GROUP BY 1) s "
+            "USING (part_id) GROUP BY 1 ORDER BY 1"
+        )
+        sock = Path(postgres.rpartition("=")[2])
+        psql = ["psql", "-h", str(sock.parent), "-U", "cell", "-At", "-c", query, "postgres"]
+        found = subprocess.run(psql, check=True, capture_output=True, text=True, timeout=60).stdout
+        steps = 3 * 4  # of each part: the grasp, two views, the tray
+        assert found.splitlines() == [f"{folder.name}|3|1|{steps}" for folder in folders]
+    finally:
+        store = open_store(postgres)
+        METADATA.drop_all(store.engine)
+        store.close()
+
+
+def test_cells_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    url = f"sqlite:///{tmp_path}/all.sqlite"
+    for i, count_ in ((1, 1), (2, 2)):
+        folder = tmp_path / str(i)
+        cell_with_a_part(folder, f"cell-{i}", f"SN{i}", count_)
+        assert main(["history", "--runs", str(folder), "--store", url]) == 0
+    capsys.readouterr()
+    at = ["--runs", str(tmp_path / "1"), "--store", url, "--json"]
+    for command in (["history", "--by", "cell"], ["stats", "--by", "cell"]):
+        assert main([*command, *at]) == 0
+        found = [(one["name"], one["parts"]) for one in printed(capsys) if one["event"] == "group"]
+        assert found == [("cell-1", 1), ("cell-2", 2)]
+    assert main(["history", "--cell-name", "cell-2", *at]) == 0
+    *listed, count_line = printed(capsys)
+    assert ({one["cell"] for one in listed}, count_line["count"]) == ({"cell-2"}, 2)
+    assert main(["stats", "--by", "recipe", "--cell-name", "cell-2", *at]) == 0
+    assert [one["parts"] for one in printed(capsys) if one["event"] == "group"] == [2]
+    assert main(["history", *at[:-1]]) == 0
+    assert "cell-1" in capsys.readouterr().out  # a column, as there are several cells
+    assert main(["history", "--by", "colour", *at]) == 2
+    assert main(["stats", "--takt", "--cell-name", "cell-2", "--runs", at[1]]) == 2
+    assert main(["history", "--cell-name", "cell-1", "--export", f"{tmp_path}/o.csv", *at]) == 0
+    with (tmp_path / "o.csv").open(encoding="utf-8-sig", newline="") as file:
+        assert {row["cell"] for row in csv.DictReader(file)} == {"cell-1"}

@@ -6,10 +6,20 @@ from pathlib import Path
 from typing import Any
 
 from controller.config import ConfigError
-from controller.history import FORMS, Filters, Listed, export, find_parts, list_parts
+from controller.history import (
+    FORMS,
+    GROUPS,
+    Filters,
+    Listed,
+    export,
+    figures,
+    find_parts,
+    list_parts,
+)
 
 from ..inputs.checks import check_writable_folder
 from ..inputs.history_store import filled_store, instant
+from ..terminal.figures_table import print_figures
 from ..terminal.output import emit, print_line
 from .tables import COLUMNS, part_row, print_columns, print_record
 
@@ -30,6 +40,7 @@ class FilterWords:
     since: str | None = None
     until: str | None = None
     review: str = ""
+    cell: str = ""
 
     def filters(self) -> Filters:
         """Return the store's filters for these options.
@@ -52,6 +63,7 @@ class FilterWords:
             since=None if self.since is None else instant(self.since, "--since"),
             until=None if self.until is None else instant(self.until, "--until", is_end=True),
             review=self.review,
+            cell=self.cell,
         )
 
 
@@ -59,6 +71,7 @@ def answer(
     part: str | None,
     asked: FilterWords,
     limit: int,
+    by: str | None,
     file: Path | None,
     runs_dir: Path,
     url: str | None,
@@ -73,6 +86,7 @@ def answer(
     part : serial number or RUN/NUMBER; None for a list
     asked : parts to list
     limit : largest number
+    by : one of `GROUPS` to count the parts; None to list them
     file : file to export to; None to print
     runs_dir : folder of all runs
     url : URL of the store; None for the folder's own
@@ -87,6 +101,10 @@ def answer(
     filters = asked.filters()
     if part is not None and (file is not None or asked != FilterWords()):
         raise ConfigError(f"PART {part}: cannot be combined with filters or --export")
+    if by is not None and (by not in GROUPS or part is not None or file is not None):
+        raise ConfigError(
+            f"--by {by}: must be one of {', '.join(GROUPS)}, without PART and --export"
+        )
     if file is not None:
         if file.suffix.lower() not in FORMS or file.is_dir():
             raise ConfigError(f"--export {file}: name a file that ends in {', '.join(FORMS)}")
@@ -95,6 +113,8 @@ def answer(
         if part is not None:
             for record in find_parts(store, part):
                 emit({"event": "part", **record}) if as_json else print_record(record)
+        elif by is not None:
+            print_figures(figures(store, filters, by), by, as_json=as_json)
         elif file is not None:
             count = export(store, filters, file, runs_dir)
             _print_written(file, count, as_json=as_json)
@@ -121,6 +141,9 @@ def _print_list(listed: Listed, *, as_json: bool) -> None:
     if not parts:
         print_line("no part fits")
         return
-    print_columns(COLUMNS, map(part_row, parts))
+    if len({one["cell"] for one in parts}) > 1:
+        print_columns((*COLUMNS, "cell"), ((*part_row(one), str(one["cell"])) for one in parts))
+    else:
+        print_columns(COLUMNS, map(part_row, parts))
     if len(parts) < listed.count:
         print_line(f"{len(parts):,} of {listed.count:,} parts, newest first (--limit)")

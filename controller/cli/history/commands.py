@@ -18,6 +18,7 @@ OfOperator = Annotated[str, typer.Option(metavar="NAME", help="parts of this ope
 OfRun = Annotated[
     str, typer.Option(metavar="RUN", help="parts of the runs whose id begins with this")
 ]
+OfCell = Annotated[str, typer.Option(metavar="NAME", help="parts of this cell, of several")]
 Since = Annotated[
     str | None, typer.Option(metavar="DATE", help="parts begun at this date or later (UTC)")
 ]
@@ -32,7 +33,7 @@ def history(
         str | None,
         typer.Argument(
             metavar="PART",
-            help="part to show in full, by serial number or RUN/NUMBER",
+            help="part to show in full, by serial number, RUN/NUMBER or CELL/RUN/NUMBER",
         ),
     ] = None,
     recipe: OfRecipe = "",
@@ -48,6 +49,7 @@ def history(
     order: OfOrder = "",
     operator: OfOperator = "",
     run: OfRun = "",
+    cell_name: OfCell = "",
     since: Since = None,
     until: Until = None,
     awaiting_review: Annotated[
@@ -57,6 +59,14 @@ def history(
         bool, typer.Option("--reviewed", help="parts with a person's verdict")
     ] = False,
     limit: Limit = 50,
+    by: Annotated[
+        str | None,
+        typer.Option(
+            metavar="GROUP",
+            help="count these parts instead, as `stats --by`: by day, run, recipe, lot, order, "
+            "operator or cell",
+        ),
+    ] = None,
     export: Annotated[
         Path | None,
         typer.Option(
@@ -103,8 +113,10 @@ def history(
     if awaiting_review and reviewed:
         raise typer.BadParameter("--awaiting-review and --reviewed exclude each other")
     review = "awaiting" if awaiting_review else "reviewed" if reviewed else ""
-    asked = FilterWords(recipe, verdict, serial, lot, order, operator, run, since, until, review)
-    raise typer.Exit(answer(part, asked, limit, export, runs, store, anew=refill, as_json=json))
+    asked = FilterWords(
+        recipe, verdict, serial, lot, order, operator, run, since, until, review, cell_name
+    )
+    raise typer.Exit(answer(part, asked, limit, by, export, runs, store, anew=refill, as_json=json))
 
 
 def review(
@@ -149,6 +161,7 @@ def review(
     order: OfOrder = "",
     operator: OfOperator = "",
     run: OfRun = "",
+    cell_name: OfCell = "",
     since: Since = None,
     until: Until = None,
     limit: Limit = 50,
@@ -174,6 +187,7 @@ def review(
         run=run,
         since=since,
         until=until,
+        cell=cell_name,
     )
     decided = ReviewOptions(part, verdict, why, who, tuple(finding or ()), output, open_, all_)
     raise typer.Exit(review_parts(decided, asked, limit, runs, store, as_json=json))

@@ -8,8 +8,8 @@ from rich.table import Table
 from controller.history.reviewing import Agreement, Rate, Reviewed, agreement, agreement_json
 
 from ..inputs.history_store import filled_store
+from ..terminal.figures_table import print_table
 from ..terminal.output import emit, print_line
-from ._output import print_table
 from .yields import Chosen
 
 TEXT_COLUMNS = 200

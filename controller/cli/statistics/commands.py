@@ -19,8 +19,8 @@ def stats(
         typer.Option(
             "--by",
             metavar="GROUP",
-            help="group by day, run, recipe, lot, order or operator, with --takt also by part "
-            "(default without RECIPE: recipe)",
+            help="group by day, run, recipe, lot, order, operator or cell, with --takt also by "
+            "part (default without RECIPE: recipe)",
         ),
     ] = None,
     takt: Annotated[
@@ -44,6 +44,9 @@ def stats(
     operator: Annotated[
         str,
         typer.Option(metavar="NAME", help="with --by, --takt or --review: parts of this operator"),
+    ] = "",
+    cell_name: Annotated[
+        str, typer.Option(metavar="NAME", help="with --by or --review: parts of this cell")
     ] = "",
     since: Annotated[
         str | None,
@@ -80,29 +83,32 @@ def stats(
             from .agreeing import report_agreement
             from .yields import Chosen
 
-        chosen = Chosen(recipe or "", lot, order, operator, since, until)
+        chosen = Chosen(recipe or "", lot, order, operator, since, until, cell_name)
         raise typer.Exit(report_agreement(runs, store, chosen, as_json=json))
     if takt:
         with loading():
             from .takt_table import report_takt
             from .yields import Chosen
 
-        if report or store:
-            raise typer.BadParameter("--takt cannot be combined with --report or --store")
+        if report or store or cell_name:
+            raise typer.BadParameter(
+                "--takt reads the journal of one cell: it cannot be combined with --store, "
+                "--cell-name or --report"
+            )
         chosen = Chosen(recipe or "", lot, order, operator, since, until)
         raise typer.Exit(report_takt(runs, chosen, by or "recipe", as_json=json))
     if recipe is None or by is not None:
         with loading():
             from .yields import Chosen, report_yields
 
-        chosen = Chosen(recipe or "", lot, order, operator, since, until)
+        chosen = Chosen(recipe or "", lot, order, operator, since, until, cell_name)
         raise typer.Exit(report_yields(runs, store, chosen, by or "recipe", report, as_json=json))
     with loading():
         from .series_table import report_series
 
-    if lot or order or operator or since or until or store:
+    if lot or order or operator or cell_name or since or until or store:
         raise typer.BadParameter(
-            "--lot, --order, --operator, --since, --until and --store require --by"
+            "--lot, --order, --operator, --cell-name, --since, --until and --store require --by"
         )
     raise typer.Exit(report_series(runs, recipe, report, as_json=json))
 

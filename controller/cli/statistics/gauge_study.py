@@ -22,8 +22,9 @@ from controller.results.wording import count_of
 from controller.setup.software import software_versions
 
 from ..inputs.checks import check_writable_folder
+from ..terminal.figures_table import print_table
 from ..terminal.output import emit, print_line, warn
-from ._output import check_page, print_table
+from ._output import check_page
 from .gauge_sources import read_sources
 
 TEXT_COLUMNS = 220

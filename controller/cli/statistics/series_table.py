@@ -16,8 +16,9 @@ from controller.results.statistics import (
     write_series_page,
 )
 
+from ..terminal.figures_table import print_table
 from ..terminal.output import emit, print_line, warn
-from ._output import check_page, print_table
+from ._output import check_page
 
 TEXT_COLUMNS = 200
 COLUMNS = ("characteristic", "n", "missing", "mean", "sigma", "Cp", "Cpk", "Pp", "Ppk", "to note")

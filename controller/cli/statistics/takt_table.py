@@ -23,8 +23,8 @@ from controller.results.takt import (
 )
 from controller.results.wording import num
 
+from ..terminal.figures_table import print_table
 from ..terminal.output import emit, print_line
-from ._output import print_table
 from .yields import Chosen
 
 TEXT_COLUMNS = 200

@@ -3,32 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich import box
-from rich.table import Table
-
 from controller.config import ConfigError
-from controller.history import (
-    GROUPS,
-    EventCount,
-    Figures,
-    Filters,
-    Group,
-    figures,
-    group_json,
-    tally_json,
-)
-from controller.results.wording import num
+from controller.history import GROUPS, Filters, figures
 
 from ..inputs.history_store import filled_store, instant
-from ..terminal.output import emit, print_line
-from ._output import print_table
-
-TEXT_COLUMNS = 200
-NAMED_COUNT = 20  # findings, recoveries and alarms that are listed, most frequent first
-COLUMNS = (
-    "parts", "pass", "fail", "indet.", "none", "first pass", "s a part", "of forecast", "findings",
-    "recoveries",
-)  # fmt: skip
+from ..terminal.figures_table import print_figures
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +20,7 @@ class Chosen:
     operator: str = ""
     since: str | None = None
     until: str | None = None
+    cell: str = ""
 
     def filters(self) -> Filters:
         """Return the store's filters for these options.
@@ -54,6 +34,7 @@ class Chosen:
             lot=self.lot,
             order_number=self.order_number,
             operator=self.operator,
+            cell=self.cell,
             since=None if self.since is None else instant(self.since, "--since"),
             until=None if self.until is None else instant(self.until, "--until", is_end=True),
         )
@@ -85,53 +66,5 @@ def report_yields(
     filters = chosen.filters()
     with filled_store(runs_dir, url) as store:
         found = figures(store, filters, by)
-    if as_json:
-        _emit(found, by)
-    elif not found.groups:
-        print_line("no part fits")
-    else:
-        _print(found, by)
+    print_figures(found, by, as_json=as_json)
     return 0
-
-
-def _emit(found: Figures, by: str) -> None:
-    for group in found.groups:
-        emit({"event": "group", "by": by, **group_json(group)})
-    for what, tallies in _tallies(found).items():
-        for tally in tallies:
-            emit({"event": what, **tally_json(what, tally)})
-
-
-def _tallies(found: Figures) -> dict[str, tuple[EventCount, ...]]:
-    return {"finding": found.findings, "recovery": found.recoveries, "alarm": found.alarms}
-
-
-def _print(found: Figures, by: str) -> None:
-    rows = [_row(group) for group in found.groups]
-    print_table(Table(box=box.SIMPLE_HEAD), (by, *COLUMNS, ""), rows, TEXT_COLUMNS)
-    for what, tallies in _tallies(found).items():
-        for tally in tallies[:NAMED_COUNT]:
-            names = " · ".join(name for name in tally.names if name)
-            print_line(f"{what:9}{tally.count:5}  {names}")
-        if len(tallies) > NAMED_COUNT:
-            print_line(f"{'':9}{'':5}  and {len(tallies) - NAMED_COUNT} more kinds (--json)")
-
-
-def _row(group: Group) -> tuple[str, ...]:
-    share, ratio = group.first_pass_yield, group.against_forecast
-    emulated = group.emulated_count
-    note = "" if not emulated else "emulated" if emulated == group.part_count else "partly emulated"
-    return (
-        group.name or "(none)",
-        str(group.part_count),
-        str(group.pass_count),
-        str(group.fail_count),
-        str(group.indeterminate_count),
-        str(group.part_count - group.judged_count),
-        "–" if share is None else f"{100 * share:.1f} %",
-        num(group.part_s),
-        "–" if ratio is None else f"{100 * ratio:.0f} %",
-        str(group.finding_count),
-        str(group.recovery_count),
-        note,
-    )

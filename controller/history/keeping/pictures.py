@@ -21,6 +21,7 @@ from controller.cell.journal import (
 from controller.results.run import stored_files
 
 from ..errors import HistoryError
+from ..filling import journals_by_key
 from ..store import Store
 from ..tables import JOURNALS, RUNS
 from .backup import PICTURES
@@ -54,11 +55,14 @@ def old_pictures(store: Store, runs_dir: Path, before: datetime) -> Iterator[Old
     ------
     HistoryError : the store or the journal cannot be read
     """
-    newest = select(func.max(RUNS.c.start)).scalar_subquery()
+    # other cells may fill the same store
+    journals = journals_by_key(runs_dir)
+    is_here = JOURNALS.c.key.in_([key for key, one in journals.items() if one.name == JOURNAL_NAME])
+    newest = select(func.max(RUNS.c.start)).join(JOURNALS).where(is_here).scalar_subquery()
     query = (
         select(RUNS.c.run_id)
         .join(JOURNALS)
-        .where(RUNS.c.end < before, RUNS.c.start < newest, JOURNALS.c.file == JOURNAL_NAME)
+        .where(RUNS.c.end < before, RUNS.c.start < newest, is_here)
         .order_by(RUNS.c.start)
     )
     with store.reading() as db:

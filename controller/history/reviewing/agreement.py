@@ -19,7 +19,7 @@ from typing import Any, Final
 from scipy.special import betaincinv
 from sqlalchemy import ColumnElement, and_, case, func, select
 
-from ..queries import Filters
+from ..queries import NAME, Filters, part_name
 from ..store import Store
 from ..tables import FINDING_FACES, FINDINGS, PARTS, RUNS
 
@@ -146,12 +146,12 @@ def agreement(store: Store, filters: Filters) -> Agreement:
             (one.recipe, one.kind, one.face): one for one in found if one.is_likely_false
         }
         waiting = (
-            select(RUNS.c.run_id, p.number, f.ordinal, p.recipe, f.kind, label)
+            select(*NAME, p.number, f.ordinal, p.recipe, f.kind, label.label("face"))
             .select_from(_FINDINGS_ON_FACES.join(RUNS, RUNS.c.run_no == p.run_no))
             .where(clause, p.awaits_review)
             .order_by(p.start.desc(), p.part_id.desc(), f.ordinal, FINDING_FACES.c.ordinal)
         )
-        likely = _likely(db.execute(waiting).all(), likely_groups)
+        likely = _likely(db.execute(waiting).mappings().all(), likely_groups)
     passed: Counter[str] = Counter()
     for (_, machine, word), n in verdicts.items():
         if machine == "pass":
@@ -175,13 +175,13 @@ _FINDINGS_ON_FACES: Final = FINDINGS.join(PARTS).outerjoin(
 
 
 def _likely(
-    waiting: Sequence[Any], likely: Mapping[tuple[str, str, str], Reviewed]
+    waiting: Sequence[Mapping[Any, Any]], likely: Mapping[tuple[str, str, str], Reviewed]
 ) -> tuple[LikelyFalseAlarm, ...]:
     """Return the unreviewed findings that are likely false alarms on each of their faces."""
     by_finding: dict[tuple[str, int], list[Reviewed | None]] = {}
-    for run, number, ordinal, recipe, kind, face in waiting:
-        groups = by_finding.setdefault((f"{run}/{number}", int(ordinal)), [])
-        groups.append(likely.get((recipe, kind, face)))
+    for row in waiting:
+        groups = by_finding.setdefault((part_name(row), int(row["ordinal"])), [])
+        groups.append(likely.get((row["recipe"], row["kind"], row["face"])))
     found: list[LikelyFalseAlarm] = []
     for (part, number), groups in by_finding.items():
         sure = [one for one in groups if one is not None]

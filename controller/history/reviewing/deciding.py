@@ -22,11 +22,11 @@ from controller.cell.journal import (
 )
 
 from ..errors import HistoryError
-from ..filling import fill
+from ..filling import fill, journals_by_key
 from ..queries import find_parts
 from ..rows_of import NO_VERDICT
 from ..store import Store
-from ..tables import JOURNALS, RUNS
+from ..tables import JOURNALS
 
 VERDICTS: Final = ("accept", "reject")
 WORDS: Final = ("real", "false_alarm")
@@ -105,13 +105,13 @@ def decide(
         ),
     )
     path = runs_dir / JOURNAL_NAME
-    _require_writable(store, path, run)
+    _require_writable(store, runs_dir, part)
     try:
         append_beside(path, run, row, number)
     except JournalError as error:
         raise HistoryError(str(error)) from error
     fill(store, runs_dir)
-    return one_part(store, f"{run}/{number}")
+    return one_part(store, str(part["part"]))
 
 
 def _check(part: Mapping[str, Any], decision: PartDecision) -> None:
@@ -134,16 +134,21 @@ def _check(part: Mapping[str, Any], decision: PartDecision) -> None:
             raise HistoryError(f"finding {number}={word}: one of {', '.join(WORDS)}")
 
 
-def _require_writable(store: Store, path: Path, run: str) -> None:
-    """Raise HistoryError unless a run's journal is the one in use, and intact."""
-    query = select(JOURNALS).join(RUNS).where(RUNS.c.run_id == run)
+def _require_writable(store: Store, runs_dir: Path, part: Mapping[str, Any]) -> None:
+    """Raise HistoryError unless a part's journal is the one in use in a folder, and intact."""
+    path, run = runs_dir / JOURNAL_NAME, part["run"]
     with store.reading() as db:
-        journal = db.execute(query).one()
+        journal = db.execute(select(JOURNALS).where(JOURNALS.c.key == part["journal"])).one()
     if journal.file != JOURNAL_NAME:
         raise HistoryError(
             f"run {run} is in {journal.file}, which was set aside: nothing is added to it"
         )
     try:
+        if part["journal"] not in journals_by_key(runs_dir):
+            raise HistoryError(
+                f"part {part['part']} is of cell {part['cell']}, whose journal is not in "
+                f"{runs_dir}: decide on it where that cell's runs are"
+            )
         _, broken = whole_up_to(path, Head(int(journal.last_seq), str(journal.last_hash)))
     except JournalError as error:
         raise HistoryError(str(error)) from error

@@ -15,6 +15,7 @@ from starlette.responses import Response
 from controller.cell.alarms import BY_NUMBER
 from controller.history import (
     HistoryError,
+    cells_in,
     characteristics_in,
     list_parts,
     recipes_in,
@@ -69,10 +70,10 @@ class HistoryAnswers:
         """All answers."""
         return (
             GetRoute("", self.list),
-            GetRoute("part/{run:str}/{number:int}", self.part),
-            GetRoute("picture/{run:str}/{number:int}/{picture:int}", self.picture),
-            GetRoute("file/{run:str}/{number:int}/{form:str}", self.file),
-            GetRoute("file/{run:str}/{form:str}", self.file),
+            GetRoute("part/{run:path}/{number:int}", self.part),
+            GetRoute("picture/{run:path}/{number:int}/{picture:int}", self.picture),
+            GetRoute("file/{run:path}/{number:int}/{form:str}", self.file),
+            GetRoute("file/{run:path}/{form:str}", self.file),
             GetRoute("file/{form:str}", self.file),
             GetRoute("charts", self.charts),
             GetRoute("compare", self.compare),
@@ -92,6 +93,7 @@ class HistoryAnswers:
                 is_rising=wanted.is_rising,
             )
             recipes = await self._records.query(recipes_in)
+            cells = await self._records.query(cells_in)
         except HistoryError as error:
             return unread(visit, error)
         return visit.html(
@@ -99,6 +101,7 @@ class HistoryAnswers:
             asked=wanted,
             listed=listed,
             recipes=recipes,
+            cells=cells if len(cells) > 1 else (),
             columns=COLUMNS,
             verdicts=VERDICTS,
             reviews=REVIEW_WORDS,
@@ -181,6 +184,7 @@ class HistoryAnswers:
         await self._records.freshen()
         wanted = asked(query)
         try:
+            cells = await self._records.query(cells_in)
             recipes = await self._records.query(recipes_in)
             recipe = wanted.filters.recipe or (recipes[0] if recipes else "")
             characteristics = await self._records.query(characteristics_in, recipe)
@@ -197,6 +201,7 @@ class HistoryAnswers:
             "charts.html.j2",
             asked=wanted,
             recipe=recipe,
+            cells=cells if len(cells) > 1 else (),
             recipes=recipes,
             characteristics=characteristics,
             chosen=chosen,

@@ -16,7 +16,7 @@ from ..records import page_asked
 TEXT_MAX: Final = 200
 PAGE_MAX: Final = 100_000
 LISTED: Final = 50
-TEXTS: Final = ("recipe", "serial", "lot", "order_number", "operator", "run")
+TEXTS: Final = ("recipe", "serial", "lot", "order_number", "operator", "run", "cell")
 VERDICTS: Final = (
     word("pass"),
     word("fail"),

@@ -25,8 +25,8 @@ def verdict_class(word: str) -> str:
 
 
 def part_key(part: Mapping[str, Any]) -> str:
-    """Return the end of a part's address."""
-    return f"{part['run']}/{part['number']}"
+    """Return the end of a part's address: its name, RUN/NUMBER or CELL/RUN/NUMBER."""
+    return str(part["part"])
 
 
 def page_asked(query: Mapping[str, str], most: int) -> int:

@@ -23,7 +23,7 @@ LISTED: Final = 50
 DECIDED: Final = 10
 PAGE_MAX: Final = 10_000
 FINDING_MAX: Final = 10_000
-RUN: Final = r"^[\w.+-]{1,200}$"
+RUN: Final = r"^([^/\x00-\x1f]{1,200}/)?[\w.+-]{1,200}$"  # behind its cell, where several have it
 CROP_TITLES: Final = (
     ("picture", word("picture")),
     ("predicted", word("predicted by the CAD")),
@@ -67,9 +67,9 @@ class ReviewAnswers:
         """All answers."""
         return (
             GetRoute("", self.list),
-            GetRoute("part/{run:str}/{number:int}", self.part),
-            GetRoute("coverage/{run:str}/{number:int}", self.coverage),
-            GetRoute("crop/{run:str}/{number:int}/{finding:int}/{which:str}", self.crop),
+            GetRoute("part/{run:path}/{number:int}", self.part),
+            GetRoute("coverage/{run:path}/{number:int}", self.coverage),
+            GetRoute("crop/{run:path}/{number:int}/{finding:int}/{which:str}", self.crop),
             PostRoute("decide", DecideBody, self.decide, Role.OPERATOR),
         )
 
