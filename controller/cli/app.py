@@ -18,6 +18,7 @@ from .inspecting import inspect, replay, verify
 from .learning import learn
 from .parts import compile_
 from .planning import check, plan
+from .plant import connect, deliveries, orders
 from .project import init
 from .recognising import recognise
 from .running import recover, report, run
@@ -93,6 +94,11 @@ _SECTIONS = {
         (answer, 'cellctl answer look --why "the part lies beside the tray"'),
         (serve, "cellctl serve --runs runs"),
         (account, "cellctl account anna --role operator"),
+    ),
+    "Connect a plant": (
+        (connect, "cellctl connect --cell cell.yaml"),
+        (deliveries, "cellctl deliveries"),
+        (orders, "cellctl orders --release PO-4711"),
     ),
     "Prepare a part": (
         (init, "cellctl init my_project"),

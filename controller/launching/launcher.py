@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -95,6 +96,8 @@ class Launcher:
     project_dir : folder of recipes and cell files, in which the commands run
     command : command line that runs `cellctl`
     now : UTC
+    more : options that every run gets
+    executor : a thread of it starts the runs, which get its priority; None for any thread
     """
 
     def __init__(
@@ -103,11 +106,15 @@ class Launcher:
         project_dir: Path,
         command: tuple[str, ...] = CELLCTL,
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
+        more: tuple[str, ...] = (),
+        executor: Executor | None = None,
     ) -> None:
         self._runs_dir = runs_dir.absolute()
         self._project_dir = project_dir.absolute()
         self._command = command
         self._now = now
+        self._more = more
+        self._executor = executor
         self._one_at_a_time = asyncio.Lock()
         self._work: StartedRun | None = None
         self._lists: dict[str, tuple[str, Path]] = {}
@@ -177,7 +184,8 @@ class Launcher:
                 raise LaunchRefusedError(
                     409, "the list of parts is not there any more; send it again"
                 )
-            self._work = await asyncio.to_thread(self._spawn, body, who)
+            loop = asyncio.get_running_loop()
+            self._work = await loop.run_in_executor(self._executor, self._spawn, body, who)
             await asyncio.to_thread(self._remember, body)
 
     async def last(self) -> RunRequest | None:
@@ -224,7 +232,8 @@ class Launcher:
         recipes = [one.word for one in body.recipes]
         name, parts_list = self._lists.get(body.parts_list, ("", None))
         # its questions wait for an answer at the page, or at another terminal
-        options = [*body.options(who, parts_list), "--wait", f"--runs={self._runs_dir}"]
+        options = [*body.options(who, parts_list), *self._more, "--wait"]
+        options.append(f"--runs={self._runs_dir}")
         try:
             folder.mkdir(parents=True, exist_ok=True)
             for old in sorted(folder.glob("*.log"))[: -LOG_MAX_COUNT + 1]:

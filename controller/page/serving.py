@@ -12,6 +12,7 @@ from types import FrameType
 from typing import Any, Final
 
 import uvicorn
+from starlette.applications import Starlette
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from controller.memory import map_large_arrays
@@ -220,13 +221,28 @@ def server_of(app: Page, serving: Serving, ready: Callable[[], None] = lambda: N
     ------
     OSError : certificate or key cannot be read
     """
+    return Server(app, config_of(app, serving), ready)
+
+
+def config_of(app: Starlette, serving: Serving) -> uvicorn.Config:
+    """Return uvicorn's configuration, with the limits of a server that strangers can reach.
+
+    Parameters
+    ----------
+    app : what it serves
+    serving : address of the server, and its certificate
+
+    Raises
+    ------
+    OSError : certificate or key cannot be read
+    """
     options: dict[str, Any] = {}
     if serving.cert is not None and serving.key is not None:
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.minimum_version = ssl.TLSVersion.TLSv1_2
         context.load_cert_chain(serving.cert, serving.key)  # fails here, with the reason
         options = {"ssl_certfile": str(serving.cert), "ssl_keyfile": str(serving.key)}
-    config = uvicorn.Config(
+    return uvicorn.Config(
         app,
         host=serving.host,
         port=serving.port,
@@ -244,4 +260,3 @@ def server_of(app: Page, serving: Serving, ready: Callable[[], None] = lambda: N
         timeout_graceful_shutdown=END_WALL_S,
         **options,
     )
-    return Server(app, config, ready)

@@ -287,6 +287,7 @@ class OrderState(Payload):
     state : `asked` waits for a person at the cell to release it
     reason : why it is refused, or what it waits for, as a sentence
     source : the account and the wire that it came by
+    taken, changed, started : when it came, when its state changed, when its run was started
     run : the run that works on it
     quantity : parts ordered; null until the run says
     done, accepted, rejected, quarantined : parts finished so far
@@ -301,6 +302,7 @@ class OrderState(Payload):
     source: str
     taken: Time
     changed: Time
+    started: Time | None = None
     run: str | None = None
     quantity: int | None = None
     done: int = 0

@@ -6,7 +6,7 @@ cannot ask for here it cannot do, least of all open a gripper.
 
 from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol, runtime_checkable
 
 from .model import CellState, Notice, OrderRequest, OrderState, PartResult
 
@@ -92,6 +92,14 @@ class Plant(Protocol):
         UnknownError : there is none
         """
 
+    async def export(self, result: PartResult, kind: Literal["csv", "qif", "dfq"]) -> bytes:
+        """Return a result as a file that a factory reads, as of its revision.
+
+        Raises
+        ------
+        PlantError : it cannot be written as such a file
+        """
+
     async def order(self, number: str, request: OrderRequest, source: str) -> OrderState:
         """Take an order; the same again changes nothing. The state tells a refusal.
 
@@ -160,6 +168,7 @@ class Wire(Protocol):
         """Serve until cancelled; an error ends this wire alone, and it is begun again."""
 
 
+@runtime_checkable
 class Courier(Wire, Protocol):
     """A wire by which each notice must arrive."""
 

@@ -22,7 +22,14 @@ pytest.importorskip("httpx2", reason="starlette's client for tests needs it")
 
 from page_bench import CELL, EYE, HERE, RUN, THERE, bench, journal, picture
 
-from controller.cell.control import DecisionReply, NoRunError, Order, RunningCell, StatusReply
+from controller.cell.control import (
+    DecisionReply,
+    NoRunError,
+    Order,
+    RunningCell,
+    StatusReply,
+    left_in_grippers,
+)
 from controller.cell.custody import Custody
 from controller.cell.devices.lock import hold_cell
 from controller.cell.journal import JOURNAL_NAME, newest_run, read_rows, read_rows_after, rows
@@ -30,7 +37,6 @@ from controller.config import load_cell
 from controller.page import serving
 from controller.page.now.fold import HeldPart, JournaledArm, RunFold
 from controller.page.now.fold import Path as ArmPath
-from controller.page.now.left import left_in_grippers
 from controller.page.now.live import APART, Live, TooManyWatchersError, light_of
 from controller.page.now.scene import CellScene
 from controller.page.security import Account, PageAddress, Role

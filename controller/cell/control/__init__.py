@@ -7,6 +7,7 @@ reads and acts through the dispatcher alone.
 
 from .client import NoRunError, NotServedError, RunningCell, facts
 from .place import ControlError, make_folder, socket_path
+from .standing import StandingReply, left_in_grippers, standing_of
 from .words import (
     MAX_KEY,
     MAX_WHO,
@@ -36,8 +37,11 @@ __all__ = [
     "QuestionReply",
     "ResumeOrder",
     "RunningCell",
+    "StandingReply",
     "StatusReply",
     "facts",
+    "left_in_grippers",
     "make_folder",
     "socket_path",
+    "standing_of",
 ]

@@ -9,12 +9,16 @@ from controller.cell.control import (
     MAX_WHY,
     AnswerOrder,
     DecisionReply,
+    NoRunError,
+    NotServedError,
     Order,
     PauseOrder,
     ResumeOrder,
     RunningCell,
+    StandingReply,
     StatusReply,
     facts,
+    standing_of,
 )
 from controller.cell.machine import PAUSE_WORDS, PauseKind
 from controller.config import ConfigError
@@ -26,7 +30,9 @@ NOT_KNOWN_YET = "not known yet: the cell is still computing the next motion"
 
 
 def show_status(runs_dir: Path, *, as_json: bool) -> int:
-    """Print the status of a running cell; return 0.
+    """Print the status of a cell; return 0.
+
+    Without a run to ask, it is what journal and lock tell.
 
     Parameters
     ----------
@@ -35,14 +41,33 @@ def show_status(runs_dir: Path, *, as_json: bool) -> int:
 
     Raises
     ------
-    ControlError : no run has this cell, or it does not answer
+    ControlError : the run does not answer
+    JournalError : there is none to ask, and the journal cannot be read
     """
-    found = RunningCell(runs_dir).status()
+    try:
+        found = RunningCell(runs_dir).status()
+    except (NoRunError, NotServedError):
+        if not runs_dir.is_dir():  # a name mistyped is no free cell
+            raise
+        return _show_standing(standing_of(runs_dir), as_json=as_json)
     if as_json:
         emit({"event": "status", **facts(found)})
         return 0
     for line in status_lines(found):
         print_line(line)
+    return 0
+
+
+def _show_standing(found: StandingReply, *, as_json: bool) -> int:
+    if as_json:
+        emit({"event": "status", **facts(found)})
+        return 0
+    print_line("no run to ask" if found.state == "taken" else "no run at this cell")
+    if found.message:
+        print_line(f"  message  {found.message}")
+    if found.run:
+        why = f": {found.end_message}" if found.end_message else ""
+        print_line(f"  last run {found.run}, {found.end.replace('_', ' ')}{why}")
     return 0
 
 

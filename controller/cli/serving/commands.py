@@ -16,6 +16,7 @@ RUNS = Path("runs")
 class RoleName(StrEnum):
     """The role of an account."""
 
+    PLANT = "plant"
     VIEWER = "viewer"
     OPERATOR = "operator"
     ENGINEER = "engineer"
@@ -100,14 +101,23 @@ def account(
     ] = None,
     role: Annotated[
         RoleName | None,
-        typer.Option("--role", help="add the account, or change its role; asks for a password"),
+        typer.Option(
+            "--role",
+            help="add the account, or change its role; asks for a password; `plant`: a plant "
+            "system at the wires of `cellctl connect`",
+        ),
     ] = None,
+    generate: Annotated[
+        bool, typer.Option("--generate", help="make the password, and print it once")
+    ] = False,
     remove: Annotated[bool, typer.Option("--remove", help="remove the account")] = False,
     json: JsonOption = False,
 ) -> None:
-    """List, add, change or remove accounts of the page."""
+    """List, add, change or remove accounts: persons at the page, and plant systems."""
     with loading():
         from .people import change_accounts
 
     role_word = None if role is None else role.value
-    raise typer.Exit(change_accounts(name, role_word, is_removed=remove, as_json=json))
+    raise typer.Exit(
+        change_accounts(name, role_word, is_removed=remove, is_made=generate, as_json=json)
+    )

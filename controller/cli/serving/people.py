@@ -1,15 +1,21 @@
-"""Changes the accounts of the page."""
+"""Changes the accounts of the page and of plant systems."""
 
+import secrets
 import sys
 from getpass import getpass
+from typing import Final
 
 from controller.config import ConfigError
 from controller.page.security import Accounts, AccountsError, Role, accounts_path, require_name
 
 from ..terminal.output import emit, print_line
 
+MADE_BYTES: Final = 24
 
-def change_accounts(name: str | None, role: str | None, *, is_removed: bool, as_json: bool) -> int:
+
+def change_accounts(
+    name: str | None, role: str | None, *, is_removed: bool, is_made: bool, as_json: bool
+) -> int:
     """List, add, change or remove accounts; return 0.
 
     Parameters
@@ -17,6 +23,7 @@ def change_accounts(name: str | None, role: str | None, *, is_removed: bool, as_
     name : name of the account, None for all
     role : role to give, None to keep it
     is_removed : remove it
+    is_made : make its password, and print it
     as_json : print one JSON object for each account that is there then
 
     Raises
@@ -24,7 +31,10 @@ def change_accounts(name: str | None, role: str | None, *, is_removed: bool, as_
     ConfigError : name, role or password cannot be taken, or the file of accounts is wrong
     """
     accounts = Accounts(accounts_path())
+    made = secrets.token_urlsafe(MADE_BYTES) if is_made else ""
     try:
+        if is_made and role is None:
+            raise ConfigError("--generate requires --role ROLE")
         if name is None:
             if role is not None or is_removed:
                 raise ConfigError("name the account")
@@ -36,15 +46,17 @@ def change_accounts(name: str | None, role: str | None, *, is_removed: bool, as_
             raise ConfigError(f"{name}: give --role ROLE to add or change the account, or --remove")
         else:
             require_name(name)  # before a password is typed for nothing
-            accounts.put(name, Role[role.upper()], _password())
+            accounts.put(name, Role[role.upper()], made or _password())
         found = accounts.names()
     except AccountsError as error:
         raise ConfigError(str(error)) from error
     for one, its_role in sorted(found.items()):
         if as_json:
-            emit({"event": "account", "name": one, "role": its_role.word})
+            shown = {"password": made} if made and one == name else {}
+            emit({"event": "account", "name": one, "role": its_role.word, **shown})
         else:
-            print_line(f"{one}: {its_role.word}")
+            shown_too = f", password {made} (shown this once)" if made and one == name else ""
+            print_line(f"{one}: {its_role.word}{shown_too}")
     if not found and not as_json:
         print_line("no account; `cellctl account NAME --role operator` adds one")
     return 0

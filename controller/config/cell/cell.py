@@ -1,10 +1,18 @@
 """cell.yaml: the devices' addresses and the cell's places in the world. mm, degrees, seconds."""
 
+import socket
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AliasChoices, BeforeValidator, Field, PrivateAttr, model_validator
+from pydantic import (
+    AfterValidator,
+    AliasChoices,
+    BeforeValidator,
+    Field,
+    PrivateAttr,
+    model_validator,
+)
 
 from ..calibration_reference import CalibrationName, CalibrationReference
 from ..faults import FaultsSection
@@ -12,6 +20,7 @@ from ..file_kinds import is_recipe
 from ..interlock_rules import InterlockRules
 from ..yaml_models import Section, WrongKeyError
 from .arm import OtherArmSection, UmiSection, arm_section
+from .connect import ConnectSection
 from .devices import EMULATED, DetectionSection, DevicesSection, InterlocksSection, TimingSection
 from .optics import AccuracySection, CamerasSection, LampSection, StationSection
 from .surroundings import ChuteSection, FixedGripperSection, TableSection, TraysSection
@@ -26,22 +35,40 @@ REQUIRED_LAMPS = (
     "station_side",
 )
 
+MAX_NAME = 40
+
+
+def _fit_for_a_name(name: str) -> str:
+    """Return a cell's name; raise ValueError if a topic, a folder or an address cannot have it."""
+    fits = len(name) <= MAX_NAME and all(c.isalnum() or c in "._- " for c in name)
+    if not (fits and name and name[0].isalnum()):
+        raise ValueError(f"must be 1 to {MAX_NAME} letters, digits, blanks, `.`, `_` or `-`")
+    return name
+
+
+def _host_name() -> str:
+    """Return this computer's name, as far as a cell's name may have its signs."""
+    name = "".join(c if c.isalnum() or c in ".-" else "-" for c in socket.gethostname())
+    return name.strip(".-")[:MAX_NAME] or "cell"
+
 
 class Cell(Section):
     """One cell, as its file describes it.
 
     Attributes
     ----------
-    name : name of the cell, for people
+    name : name of the cell, in journal, reports, store and all that a plant system gets (default:
+        the name of this computer)
     calibration : files of what was measured; they take the place of the drawing's values
     clock : clock of the emulator whose addresses are given in `devices`
     arm : a UMI RTX, or an arm of another make, which has `shape`
     obstacles : further boxes in the world that nothing may touch
     interlock_rules : rules beside those that every cell has, by name
     on_alarm : program, with its arguments, that is called when an alarm is raised
+    connect : wires to a plant system
     """
 
-    name: str
+    name: Annotated[str, AfterValidator(_fit_for_a_name)] = Field(default_factory=_host_name)
     devices: DevicesSection
     calibration: dict[CalibrationName, CalibrationReference] = Field(default_factory=dict)
     clock: Path | None = None
@@ -63,6 +90,7 @@ class Cell(Section):
     faults: FaultsSection = FaultsSection()
     detection: DetectionSection = DetectionSection()
     on_alarm: tuple[str, ...] = Field((), max_length=50)
+    connect: ConnectSection | None = None
     _folder: Path = PrivateAttr(default=Path())
 
     @model_validator(mode="before")

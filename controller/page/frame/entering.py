@@ -8,7 +8,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.routing import Route
 
-from ..security import Account, AccountsError
+from ..security import Account, AccountsError, Role
 from .files import static_files
 from .routing import FORGED, NOBODY, is_own
 from .visit import PageFrame, address_of, refused
@@ -68,7 +68,7 @@ class Entrance:
                 account = await asyncio.to_thread(frame.accounts.find, name, password)
         except AccountsError as error:
             return self._form(request, str(error), name, 503)
-        if account is None:
+        if account is None or account.role is Role.PLANT:
             return self._form(request, word("Name or password is wrong."), name, 403)
         frame.attempts.forgive(address)
         return self._entered(request, account)

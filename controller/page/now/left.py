@@ -4,27 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from controller.cell.custody import CellIdentity, Held, custody_of, fold_custody, read_folded
+from controller.cell.custody import Held, custody_of
 from controller.cell.custody.start_check import known_words
-from controller.cell.journal import read_rows_after, rows
+from controller.cell.journal import read_rows_after
 
 from .fold import RunFold
-
-
-def left_in_grippers(journal: Path, began: rows.RunBegan) -> tuple[Held, ...]:
-    """Return which grippers of a cell may hold a part; none of a cell that ended with its run.
-
-    Parameters
-    ----------
-    journal : journal of the cell
-    began : the first row of its last run
-
-    Raises
-    ------
-    JournalError : the journal cannot be read
-    """
-    here = CellIdentity.of(began)
-    return fold_custody(read_folded(journal), here) if here.outlives_the_run else ()
 
 
 def fold_of(journal: Path, run: str) -> RunFold:

@@ -26,6 +26,7 @@ from controller.cell.control import (
     RunningCell,
     StatusReply,
     facts,
+    left_in_grippers,
 )
 from controller.cell.custody import Held
 from controller.cell.devices.lock import Holder
@@ -38,7 +39,7 @@ from controller.cell.journal import (
 )
 
 from .fold import JournaledArm, RunFold
-from .left import fold_of, left_in_grippers, unfinished
+from .left import fold_of, unfinished
 from .scene import CellScene, Waypoints
 
 log = logging.getLogger(__name__)

@@ -33,8 +33,10 @@ class AccountsError(Exception):
 
 
 class Role(IntEnum):
-    """Rights of a person; each role includes those of the one before it."""
+    """Rights of an account; each role includes those of the one before it."""
 
+    PLANT = 0
+    """A plant system at the wires of `cellctl connect`; the page is closed to it."""
     VIEWER = 1
     """Look."""
     OPERATOR = 2
@@ -50,7 +52,7 @@ class Role(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Account:
-    """A person with an account."""
+    """A person with an account, or a plant system."""
 
     name: str
     role: Role
@@ -58,7 +60,7 @@ class Account:
 
 class _Stored(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
-    role: Literal["viewer", "operator", "engineer"]
+    role: Literal["plant", "viewer", "operator", "engineer"]
     salt: str
     hash: str
     cost: int = Field(ge=2**4, le=2**20)

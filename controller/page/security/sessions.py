@@ -59,7 +59,7 @@ class _Kept(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     digest: str = Field(pattern="^[0-9a-f]{64}$")
     name: str
-    role: int = Field(ge=min(Role), le=max(Role))
+    role: int = Field(ge=Role.VIEWER, le=max(Role))
     began_s: float
     used_s: float
     mark: str

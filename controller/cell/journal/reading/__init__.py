@@ -3,8 +3,11 @@
 from ._following import (
     NewRows,
     journal_mark,
+    last_head,
     new_rows,
+    parts_of,
     row_at,
+    rows_behind,
     rows_of_parts,
     whole_up_to,
 )
@@ -27,8 +30,10 @@ __all__ = [
     "broken_rows",
     "first_broken_row",
     "journal_mark",
+    "last_head",
     "new_rows",
     "newest_run",
+    "parts_of",
     "read_rows",
     "read_rows_after",
     "read_rows_counted",
@@ -36,6 +41,7 @@ __all__ = [
     "read_rows_of_kinds",
     "records_elsewhere",
     "row_at",
+    "rows_behind",
     "rows_of_parts",
     "whole_up_to",
 ]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from .._form import GENESIS, JournalError, Row, kind_of
 from .._head import Head
@@ -64,6 +64,21 @@ def row_at(path: Path, seq: int) -> Head | None:
     def read(db: sqlite3.Connection) -> Head | None:
         found = db.execute("SELECT seq, hash FROM journal WHERE seq = ?", (seq,)).fetchone()
         return None if found is None else Head(int(found[0]), str(found[1]))
+
+    return _read(path, read)
+
+
+def last_head(path: Path) -> Head:
+    """Return number and hash of the last row; of none, where there is none.
+
+    Raises
+    ------
+    JournalError : no journal there, or one that cannot be read
+    """
+
+    def read(db: sqlite3.Connection) -> Head:
+        found = db.execute("SELECT seq, hash FROM journal ORDER BY seq DESC LIMIT 1").fetchone()
+        return NOTHING if found is None else Head(int(found[0]), str(found[1]))
 
     return _read(path, read)
 
@@ -123,6 +138,37 @@ def new_rows(path: Path, after_seq: int, last_seq: int | None = None) -> tuple[N
     return _read(path, read)
 
 
+def rows_behind(path: Path, seq: int, count: int = BATCH_COUNT) -> list[Row]:
+    """Return the rows after a row, of all runs, in order; at most a number of them.
+
+    Parameters
+    ----------
+    path : the journal
+    seq : number of the last row that is known, 0 for none
+    count : most rows
+
+    Raises
+    ------
+    JournalError : no journal there, one of another version, or one that cannot be read
+    """
+    query = (
+        "SELECT seq, t_utc, t_mono, run, part, kind, name, body FROM journal "
+        "WHERE seq > ? ORDER BY seq LIMIT ?"
+    )
+    return _read(path, lambda db: [_row(found) for found in db.execute(query, (seq, count))])
+
+
+def parts_of(path: Path, run: str) -> tuple[int, ...]:
+    """Return the numbers of the parts of a run, in order.
+
+    Raises
+    ------
+    JournalError : no journal there, one of another version, or one that cannot be read
+    """
+    query = "SELECT DISTINCT part FROM journal WHERE run = ? AND part > 0 ORDER BY part"
+    return _read(path, lambda db: tuple(int(part) for (part,) in db.execute(query, (run,))))
+
+
 def rows_of_parts(
     path: Path, run: str, parts: Collection[int], last_seq: int | None = None
 ) -> list[Row]:
@@ -147,14 +193,14 @@ def rows_of_parts(
 
     def read(db: sqlite3.Connection) -> list[Row]:
         until = 2**62 if last_seq is None else last_seq
-        return [
-            Row(seq, t_utc, t_mono, run_id, part, kind_of(kind, name), name, json.loads(body))
-            for seq, t_utc, t_mono, run_id, part, kind, name, body in db.execute(
-                query, tuple(chain((run, until), parts))
-            )
-        ]
+        return [_row(found) for found in db.execute(query, tuple(chain((run, until), parts)))]
 
     return _read(path, read)
+
+
+def _row(found: tuple[Any, ...]) -> Row:
+    seq, t_utc, t_mono, run, part, kind, name, body = found
+    return Row(seq, t_utc, t_mono, run, part, kind_of(kind, name), name, json.loads(body))
 
 
 def _read(path: Path, read: Callable[[sqlite3.Connection], T]) -> T:

@@ -1,0 +1,105 @@
+"""The section `connect` of a cell file: how `cellctl connect` ties the cell to a plant system.
+
+Nothing of it is read by a run. Passwords and keys stand in files of their own, never here.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from ..yaml_models import Section
+
+Listen = Annotated[str, Field(pattern=r"^(\[[0-9a-fA-F:]+\]|[A-Za-z0-9.-]+):\d{1,5}$")]
+
+
+def _web_address(url: str) -> str:
+    if not url.startswith(("https://", "http://")) or not url.isprintable() or " " in url:
+        raise ValueError("must be an address that begins with https:// or http://")
+    return url
+
+
+class WebhookSection(Section):
+    """A server that gets each result and alarm by POST.
+
+    Attributes
+    ----------
+    url : its address
+    secret_file : file with the secret that signs each message
+    ca_file : certificate of the authority that vouches for the server (default: the system's)
+    """
+
+    url: Annotated[str, Field(max_length=500), AfterValidator(_web_address)]
+    secret_file: Path
+    ca_file: Path | None = None
+
+
+class RestSection(Section):
+    """A server that answers questions for results and state, and takes orders.
+
+    Attributes
+    ----------
+    listen : address and port
+    tls_cert, tls_key : certificate and key (PEM); needed for any address but this machine's own
+    """
+
+    listen: Listen = "127.0.0.1:8471"
+    tls_cert: Path | None = None
+    tls_key: Path | None = None
+
+    @model_validator(mode="after")
+    def _certificate_has_key(self) -> "RestSection":
+        if (self.tls_cert is None) != (self.tls_key is None):
+            raise ValueError("`tls_cert` and `tls_key` require each other")
+        return self
+
+
+class FolderSection(Section):
+    """A folder that gets a file of each result, as soon as it is whole.
+
+    Attributes
+    ----------
+    path : the folder; it must exist
+    formats : kinds of files
+    name : name of the files without their ending, from {order}, {recipe}, {serial}, {lot}, {run},
+        {part} and {revision}
+    """
+
+    path: Path
+    formats: Annotated[
+        tuple[Literal["json", "csv", "qif", "dfq"], ...], Field(min_length=1, max_length=4)
+    ] = ("json",)
+    name: Annotated[str, Field(min_length=1, max_length=200)] = "{order}_{serial}_{run}_{part}"
+
+    @model_validator(mode="after")
+    def _name_has_known_blanks(self) -> "FolderSection":
+        blanks = dict.fromkeys(FOLDER_BLANKS, "x")
+        try:
+            filled = self.name.format_map(blanks)
+        except (KeyError, ValueError, IndexError, AttributeError) as error:
+            known = ", ".join(f"{{{name}}}" for name in FOLDER_BLANKS)
+            raise ValueError(f"`name` may have the blanks {known}") from error
+        if "/" in filled or "\\" in filled or filled.startswith("."):
+            raise ValueError("`name` names a file in the folder: no slash, no dot at its beginning")
+        return self
+
+
+FOLDER_BLANKS = ("order", "recipe", "serial", "lot", "run", "part", "revision")
+
+
+class ConnectSection(Section):
+    """Wires to a plant system.
+
+    Attributes
+    ----------
+    may_start : whether an order of a plant starts a run: `never`, `asked` once a person at the cell
+        has released it, `yes` whenever the cell is free
+    webhook : servers that get each result
+    rest : answers questions and takes orders over HTTP
+    folder : folders that get a file of each result
+    """
+
+    may_start: Literal["never", "asked", "yes"] = "never"
+    webhook: tuple[WebhookSection, ...] = Field((), max_length=10)
+    rest: RestSection | None = None
+    folder: tuple[FolderSection, ...] = Field((), max_length=10)
