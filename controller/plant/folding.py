@@ -48,7 +48,7 @@ class UntellableError(Exception):
 
 
 def notices_after(
-    journal: Path, cell: str, seq: int
+    journal: Path, cell: str, seq: int, until: int | None = None
 ) -> tuple[list[tuple[int, list[Notice | UntellableError]]], int]:
     """Return what the next rows of a journal tell, row by row, and the last row looked at.
 
@@ -57,12 +57,14 @@ def notices_after(
     journal : its file
     cell : name of the cell, where a run does not give it
     seq : the last row that is known, 0 for none
+    until : rows after this one are left alone; None for no such row
 
     Raises
     ------
     JournalError : the journal cannot be read
     """
     new = rows_behind(journal, seq, READ_COUNT)
+    new = [row for row in new if until is None or row.seq <= until]
     told = [(row.seq, list(_told_by(journal, cell, row))) for row in new]
     return [one for one in told if one[1]], new[-1].seq if new else seq
 

@@ -25,6 +25,7 @@ from controller.cell.journal import (
     journal_mark,
     last_head,
     row_at,
+    whole_up_to,
 )
 
 from .folding import UntellableError, notices_after
@@ -34,6 +35,7 @@ from .plant import Courier, RejectedError
 FOLDER: Final = "connect"
 BOOK: Final = "connect.sqlite"
 LOCK: Final = "connect.lock"
+NOTHING: Final = Head(0, GENESIS)
 SET_ASIDE: Final = "journal-set-aside-*.sqlite"
 POLL_WALL_S: Final = 0.2  # a result is to be on its way within a second of its row
 FIRST_PAUSE_WALL_S: Final = 1.0
@@ -275,7 +277,7 @@ class Outbox:
         for key, path in every:
             self._book.set_place(self._courier.name, key, last_head(path))
         if not every:  # so that the first journal is told from its first row
-            self._book.set_place(self._courier.name, "", Head(0, GENESIS))
+            self._book.set_place(self._courier.name, "", NOTHING)
 
     async def _deliver_from(self, key: str, path: Path) -> None:
         """Deliver what a journal has behind the receiver's place, and move the place row by row."""
@@ -288,17 +290,22 @@ class Outbox:
                 f"restored from a backup, or replaced. `cellctl deliveries --resume {name}` goes "
                 "on from the journal's end as it is now"
             )
-        while True:
-            told, last = await asyncio.to_thread(notices_after, path, self._cell, seq)
+        whole, broken = await asyncio.to_thread(whole_up_to, path, head or NOTHING)
+        while seq < whole.seq:
+            told, last = await asyncio.to_thread(notices_after, path, self._cell, seq, whole.seq)
             for at, notices in told:
                 for notice in notices:
                     await self._send(notice)
                 await self._confirm(key, path, at)
-            if last == seq:
-                return
             if not told or told[-1][0] < last:
                 await self._confirm(key, path, last)
             seq = last
+        if broken is not None:
+            raise OutboxError(
+                f"{path}: row {broken.seq} of run {broken.run} {broken.why}; nothing from there on "
+                f"is sent (`cellctl verify`). `cellctl deliveries --resume {name}` goes on from "
+                "the journal's end"
+            )
 
     async def _confirm(self, key: str, path: Path, seq: int) -> None:
         head = await asyncio.to_thread(row_at, path, seq)
