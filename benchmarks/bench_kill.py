@@ -24,7 +24,8 @@ from kill_world import KillWorld, kill_world, lines_of, start
 
 from controller.cell.journal import first_flaw, read_rows
 from controller.history import Filters, fill, list_parts, open_store
-from controller.results import counted_parts, list_runs, load_run
+from controller.results.judged import counted_parts
+from controller.results.run import list_runs, load_run
 
 RECIPE, PART, CELL_SEED = "recipes/holder.yaml", "recipes/parts/holder.stl", 8
 # cell seconds from the first picture to beyond the tray

@@ -6,6 +6,8 @@ from pydantic import AfterValidator, Field, model_validator
 
 from .yaml_models import Section, WrongKeyError
 
+CONFORMANCE_PROBABILITY: Final = 0.95  # default of S8 without another agreement
+
 ToleranceClass = Literal["f", "m", "c", "v"]
 Kind = Literal[
     "diameter",

@@ -1,6 +1,6 @@
 """Errors of the store."""
 
-from controller.results import ResultsError, UnknownRunError
+from controller.results.run import ResultsError, UnknownRunError
 
 
 class HistoryError(ResultsError):

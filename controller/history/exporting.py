@@ -15,9 +15,10 @@ from typing import Any, Final
 from sqlalchemy import Connection, func, select
 
 from controller.cell.journal import JournalError
-from controller.results import JudgedPart, ResultsError, judged_parts, qif_bytes
-from controller.results.exports import csv_cell
+from controller.results.exports import csv_cell, qif_bytes
+from controller.results.judged import JudgedPart, judged_parts
 from controller.results.pages import whole_file
+from controller.results.run import ResultsError
 
 from .errors import HistoryError
 from .filling import folded, journals_by_key

@@ -25,8 +25,7 @@ from controller.cell.journal import (
     rows_of_parts,
     whole_up_to,
 )
-from controller.results import ResultsError, RunRecord
-from controller.results.run import fold
+from controller.results.run import ResultsError, RunRecord, fold
 
 from .rows_of import PartRows, alarm_rows, part_id, part_rows, run_row
 from .store import Store

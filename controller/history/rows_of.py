@@ -13,8 +13,8 @@ from controller.cell.alarms import ALARMS as CATALOGUE
 from controller.cell.custody import Custody
 from controller.cell.journal import rows
 from controller.cell.journal.rows import CharacteristicFields
-from controller.results import JudgedPart, RunRecord, judged_parts
-from controller.results.run import LogEntry
+from controller.results.judged import JudgedPart, judged_parts
+from controller.results.run import LogEntry, RunRecord
 
 from .tables import (
     FINDING_FACES,

@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from controller.cell.devices.lock import LOCK_NAME, Holder, read_holder
-from controller.results.pages import write_file
+from controller.config import ConfigError
+from controller.config.files import write_whole
 
 from .choices import Choices, choices_of
 from .request import RunRequest
@@ -218,8 +219,8 @@ class Launcher:
     def _remember(self, body: RunRequest) -> None:
         """Keep a batch for the next start; without room for it, the form does not remember it."""
         if body.again is not None:
-            with contextlib.suppress(OSError):
-                write_file(body.model_dump_json().encode(), self._runs_dir / LOG_FOLDER / LAST_NAME)
+            with contextlib.suppress(ConfigError):
+                write_whole(self._runs_dir / LOG_FOLDER / LAST_NAME, body.model_dump_json())
 
     def facts(self) -> dict[str, Any] | None:
         """Return the last run that was started here, as JSON; None before the first."""

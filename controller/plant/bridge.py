@@ -17,7 +17,7 @@ from controller.cell.journal import JOURNAL_NAME, JournalError
 from controller.config.shipped import SHIPPED
 from controller.launching import Launcher, RecipeChoice
 from controller.page.security import Accounts, AccountsError, Role
-from controller.results import ResultsError
+from controller.results.run import ResultsError
 
 from .folding import exported, notices_after, result_of, whole_result
 from .model import CellState, OrderRequest, OrderState, PartResult

@@ -8,10 +8,9 @@ from typing import Any, Final, Literal, get_args
 
 from controller.cell.alarms import BY_NUMBER
 from controller.cell.journal import Row, parts_of, row_at, rows, rows_behind, rows_of_parts
-from controller.results import JudgedPart, ResultsError, judged_parts
 from controller.results.exports import csv_text, dfq_bytes, qif_bytes
-from controller.results.judged import result_json
-from controller.results.run import fold
+from controller.results.judged import JudgedPart, judged_parts, result_json
+from controller.results.run import ResultsError, fold
 
 from .model import (
     AlarmNotice,

@@ -15,7 +15,8 @@ from kill_world import kill_world, lines_of, start
 
 from controller.cell.journal import first_flaw, is_of, read_rows, rows
 from controller.config.view_set import load_view_set
-from controller.results import judged_parts, load_run
+from controller.results.judged import judged_parts
+from controller.results.run import load_run
 
 RECIPES = ("recipes/holder.yaml", "recipes/idler_riser.yaml")
 PARTS = ("recipes/parts/holder.stl", "recipes/parts/idler_riser.stl")

@@ -215,7 +215,8 @@ def test_an_arm_that_restarts_in_motion_has_lost_its_position(start: Callable[..
 def test_a_killed_run_leaves_a_whole_journal_and_a_report_that_says_so(
     start: Callable[..., Run],
 ) -> None:
-    from controller.results import load_run, write_html
+    from controller.results.run import load_run
+    from controller.results.writing import write_html
 
     run = start("recipes/holder.yaml", "--seed", "4")
     watch = once_in("presenting", lambda run: run.kill())

@@ -18,7 +18,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from kill_world import ROOT, KillWorld, kill_world, let_go_count, lines_of, start
 
 from controller.cell.journal import first_flaw, read_rows
-from controller.results import load_run, write_html
+from controller.results.run import load_run
+from controller.results.writing import write_html
 
 
 def recover(world: KillWorld, runs: Path, *more: str) -> tuple[int, dict[str, Any]]:

@@ -10,7 +10,8 @@ import pytest
 
 from controller.cell.batch import Papers, RunResult
 from controller.cell.journal import first_flaw, is_of, read_rows, rows
-from controller.results import judged_parts, load_run
+from controller.results.judged import judged_parts
+from controller.results.run import load_run
 from simulation.cell import Controller, Scene, SimulatedCell
 from simulation.loop import SimulatedLoop
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from controller.history import Filters, figures, list_parts
-from controller.results import counted_parts, list_runs, load_run
+from controller.results.judged import counted_parts
+from controller.results.run import list_runs, load_run
 from simulation.case import Case, Ended, Kill, run_case
 from simulation.cell import Scene
 from tests.unit.outlets import OUTLETS, store_of

@@ -15,7 +15,9 @@ from controller.cell.journal import JOURNAL_NAME, read_rows
 from controller.cell.operator import NOBODY
 from controller.commissioning.procedure import StepEnd, StepRecord
 from controller.config import load_cell
-from controller.results import load_run, report_json, write_html
+from controller.results.report import report_json
+from controller.results.run import load_run
+from controller.results.writing import write_html
 from controller.setup.layout import build_layout
 from emulators.umi_scara import Axis
 from simulation.cell import BEAT_S, SimulatedCell

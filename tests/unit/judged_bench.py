@@ -22,7 +22,8 @@ from controller.inspection.characteristics import (
     Rim,
     RimGeometry,
 )
-from controller.results import Header, JudgedPart, judged_part
+from controller.results.judged import Header, JudgedPart
+from controller.results.judged.inspected import judged_part
 from tests.unit import results_bench
 
 START = datetime(2026, 3, 1, 12, 0, 0, tzinfo=UTC)

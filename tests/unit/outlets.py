@@ -34,10 +34,13 @@ from controller.history import (
     values_of,
 )
 from controller.history.reviewing import agreement
-from controller.results import counted_parts, list_runs, load_run, report_json, write_report
 from controller.results.exports import QIF_NAMESPACE
+from controller.results.judged import counted_parts
+from controller.results.report import report_json
+from controller.results.run import list_runs, load_run
 from controller.results.statistics import series_of
 from controller.results.takt import grouped, takts_of
+from controller.results.writing import write_report
 
 if TYPE_CHECKING:
     from tests.unit.page_bench import Bench

@@ -14,7 +14,7 @@ from controller.cell.journal import Journal, rows
 from controller.cli import main
 from controller.history import HistoryError
 from controller.history.keeping import back_up, restore
-from controller.results import load_run, prove_run
+from controller.results.run import load_run, prove_run
 
 
 @pytest.fixture

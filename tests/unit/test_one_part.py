@@ -11,7 +11,9 @@ from controller.cell.custody import Custody, GripperName, Held
 from controller.cell.custody.start_check import note_taken_out
 from controller.cell.journal import JOURNAL_NAME, Journal, read_rows, rows
 from controller.history import Filters, fill, list_parts, open_store
-from controller.results import counted_parts, load_run, report_json
+from controller.results.judged import counted_parts
+from controller.results.report import report_json
+from controller.results.run import load_run
 from controller.results.takt import takt_of, takts_of
 from tests.unit.outlets import OUTLETS
 from tests.unit.results_bench import RunWriter, verdict, view

@@ -14,8 +14,10 @@ from controller.cell.journal import rows
 from controller.cli import main
 from controller.cli.inputs.serials import SerialOptions, papers_of
 from controller.history import Filters, Store, export, figures, fill, list_parts, open_store
-from controller.results import judged_parts, load_run, report_json, result_json
 from controller.results.exports import csv_text, dfq_bytes, qif_bytes
+from controller.results.judged import judged_parts, result_json
+from controller.results.report import report_json
+from controller.results.run import load_run
 from controller.results.takt import GROUPS, grouped, takt_of
 from tests.unit import judged_bench as bench
 from tests.unit.results_bench import RunWriter, good_run, sighting

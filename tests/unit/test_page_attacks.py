@@ -27,6 +27,7 @@ from controller.cell.control import DecisionReply, Order, RunningCell
 from controller.cell.journal import rows
 from controller.launching import Launcher
 from controller.page.frame import Upload
+from controller.page.http import CONNECTION_MAX_COUNT, CONNECTION_OF_ONE_MAX_COUNT
 from controller.page.now.live import (
     WATCHER_OF_ADDRESS_MAX_COUNT,
     WATCHER_OF_ONE_MAX_COUNT,
@@ -35,7 +36,6 @@ from controller.page.now.live import (
 )
 from controller.page.security import Role
 from controller.page.security.sessions import ATTEMPT_MAX_COUNT
-from controller.page.serving import CONNECTION_MAX_COUNT, CONNECTION_OF_ONE_MAX_COUNT
 
 SCRIPT = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 JSON = "application/json"

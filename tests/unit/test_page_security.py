@@ -21,6 +21,7 @@ from page_bench import ORIGIN, PASSWORD, RUN, Bench, bench, journal, picture
 
 from controller.cell.control import DecisionReply, Order, RunningCell
 from controller.cell.journal import rows
+from controller.page import http as http_module
 from controller.page import serving as serving_module
 from controller.page.security import (
     Accounts,
@@ -587,7 +588,7 @@ def served(folder: Path) -> Iterator[int]:
 
 
 def test_slow_clients_are_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serving_module, "HEADER_WALL_S", 0.5)
+    monkeypatch.setattr(http_module, "HEADER_WALL_S", 0.5)
     monkeypatch.setattr("controller.page.security.guard.BODY_WALL_S", 0.5)
     with served(tmp_path) as port:
         head = f"POST /login HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n".encode()

@@ -256,7 +256,7 @@ def test_a_journal_restored_from_a_backup_stops_a_receiver_until_a_person_says_s
         beside.unlink()
     backup.replace(journal)
     taken = list(receiver.taken)
-    with pytest.raises(OutboxError, match="restored from a backup.*--resume mes"):
+    with pytest.raises(OutboxError, match=r"restored from a backup.*--resume mes"):
         deliver(tmp_path, receiver)
     assert receiver.taken == taken
     assert resume(tmp_path, Book(tmp_path), "mes") == 1

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from controller.cad import Solid
-from controller.results.judged import solid_of
+from controller.results.judged.cad import solid_of
 from tests.data_files import part_file
 
 RECIPE = {"name": "flange", "part": "recipes/parts/flange_xy.stl"}

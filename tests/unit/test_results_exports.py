@@ -18,15 +18,10 @@ from lxml import etree
 
 from controller.inspection import Verdict
 from controller.inspection.characteristics import CharacteristicKind
-from controller.results import (
-    SUFFIXES,
-    csv_text,
-    dfq_bytes,
-    qif_bytes,
-    result_json,
-    write_report,
-)
+from controller.results.exports import csv_text, dfq_bytes, qif_bytes
+from controller.results.judged import result_json
 from controller.results.run import ReviewReport
+from controller.results.writing import SUFFIXES, write_report
 from tests.unit import judged_bench as bench
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "qif"

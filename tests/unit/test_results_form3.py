@@ -10,9 +10,9 @@ import pytest
 from controller.cad import Solid
 from controller.cad.compiled import load_part
 from controller.cli import main
-from controller.results import ResultsError, load_run
 from controller.results.report import render_form3, render_form3_parts
 from controller.results.report.form3 import make_form
+from controller.results.run import ResultsError, load_run
 from tests.data_files import part_file
 from tests.unit import judged_bench as bench
 from tests.unit.results_bench import RunWriter, good_run

@@ -11,8 +11,9 @@ from results_bench import STEPS, RunWriter, bad_run, good_run, sighting, verdict
 from controller.cell.batch import run as cell_run
 from controller.cell.custody import Custody
 from controller.cell.journal import rows
-from controller.results import ResultsError, list_runs, load_run, write_html
+from controller.results.run import ResultsError, list_runs, load_run
 from controller.results.run.load import JOURNAL_NAME
+from controller.results.writing import write_html
 
 
 def test_the_journal_is_where_the_cell_writes_it() -> None:

@@ -16,8 +16,8 @@ import pytest
 
 from controller.cad.compiled import load_part
 from controller.inspection import Verdict
-from controller.results import PdfError, write_report
-from controller.results.report import pdf_bytes
+from controller.results.report import PdfError, pdf_bytes
+from controller.results.writing import write_report
 from tests.data_files import part_file
 from tests.unit import judged_bench as bench
 

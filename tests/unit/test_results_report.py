@@ -19,10 +19,12 @@ from results_bench import PART_PX, RunWriter, bad_run, good_run, sighting, verdi
 
 from controller.cell.journal import rows
 from controller.inspection import Unjudged, Verdict
-from controller.results import load_run, report_json, write_html
+from controller.results.report import report_json
 from controller.results.report.html import render
 from controller.results.report.ledger import means_of, rounded_to_whole
 from controller.results.report.pictures import outline_path, window_round
+from controller.results.run import load_run
+from controller.results.writing import write_html
 
 VOID = {"col", "meta", "img", "br", "hr", "link", "input"}
 NASTY = "<script>alert('x')</script>&\"' {{ 7 * 7 }}"

@@ -21,12 +21,13 @@ from controller.cell.services.records import measured_row
 from controller.cli import main
 from controller.inspection import Detection, Verdict
 from controller.inspection.characteristics import CharacteristicKind
-from controller.results import judged_parts, load_run, report_json, result_json
+from controller.results.judged import judged_parts, result_json
+from controller.results.report import report_json
 from controller.results.report.html import PART_BYTES, render_parts
 from controller.results.report.signed import MAX_LOOKS
 from controller.results.report.signed.covering import COLOURS, coverage_sides
 from controller.results.report.signed.table import briefly, rows_of
-from controller.results.run import PartFold
+from controller.results.run import PartFold, load_run
 from tests.data_files import part_file
 from tests.unit import judged_bench as bench
 from tests.unit.results_bench import RunWriter, sighting

@@ -19,7 +19,7 @@ from controller.cell.services.records import measured_row
 from controller.cli import main
 from controller.inspection import Verdict
 from controller.inspection.characteristics import CharacteristicKind
-from controller.results import ResultsError
+from controller.results.run import ResultsError
 from controller.results.statistics import (
     bias_of,
     capability,

@@ -10,7 +10,7 @@ import pytest
 
 from controller.cell.journal import JOURNAL_NAME, Body, Journal, rows
 from controller.cli.app import main
-from controller.results import ResultsError, load_run
+from controller.results.run import ResultsError, load_run
 from controller.results.takt import TimeUse, grouped, run_takt, takt_json, takt_line, takts_of
 
 

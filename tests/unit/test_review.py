@@ -39,9 +39,9 @@ from controller.history import (
 from controller.history.exporting import export
 from controller.history.reviewing import PartDecision, Rate, agreement, decide, one_part
 from controller.inspection import Verdict
-from controller.results import judged_parts, load_run, report_json
-from controller.results.report import render
-from controller.results.run import prove_run
+from controller.results.judged import judged_parts
+from controller.results.report import render, report_json
+from controller.results.run import load_run, prove_run
 
 OPEN = "20260303-120000-000-featuretype"
 FAILED = "20260302-120000-000-featuretype"

@@ -11,8 +11,8 @@ from controller.cell.journal import JOURNAL_NAME, JournalError
 from controller.config import ConfigError
 from controller.history import Store, folded, list_parts
 from controller.history.reviewing import VERDICTS, WORDS, PartDecision, decide, one_part
-from controller.results import ResultsError
 from controller.results.review import PartCrops, write_review_page
+from controller.results.run import ResultsError
 
 from ..inputs.checks import check_writable_folder
 from ..inputs.history_store import filled_store

@@ -11,7 +11,7 @@ from controller.cell.services.records import findings_row, measured_row, verdict
 from controller.config import ConfigError
 from controller.config.view_set import ViewSetFile, load_view_set
 from controller.inspection import PartInspection
-from controller.results import RunRecord, load_run, prove_run
+from controller.results.run import RunRecord, load_run, prove_run
 from controller.stored import compiled_part, judge_views, judging_of, lines_digest, read_pictures
 
 from ..inputs.checks import require_files

@@ -11,7 +11,9 @@ from controller.config.cad_files import MAX_CAD_BYTES
 from controller.config.files import read_bytes
 from controller.config.view_set import ViewSetFile, load_view_set
 from controller.inspection import Verdict
-from controller.results import SUFFIXES, Header, judged_part, write_report
+from controller.results.judged import Header
+from controller.results.judged.inspected import judged_part
+from controller.results.writing import SUFFIXES, write_report
 from controller.setup.software import software_versions
 from controller.stored import (
     Judging,

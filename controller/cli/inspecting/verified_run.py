@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from controller.results import prove_run
+from controller.results.run import prove_run
 
 from ..terminal.output import emit, print_line
 

@@ -22,8 +22,7 @@ from controller.inspection import (
     Tried,
     learn,
 )
-from controller.results import RunRecord, list_runs, load_run, prove_run
-from controller.results.run import PartReport
+from controller.results.run import PartReport, RunRecord, list_runs, load_run, prove_run
 from controller.setup.software import installed_version
 from controller.stored import (
     AcceptedPart,

@@ -14,7 +14,8 @@ from controller.cell.compute.checks import check_sizes
 from controller.cell.plans import PlanCache
 from controller.commissioning.procedure import StepEnd, StepRecord
 from controller.config import Cell, ConfigError, Recipe, load_cell, load_recipe
-from controller.results import load_run, write_html
+from controller.results.run import load_run
+from controller.results.writing import write_html
 from controller.setup.drivers import require_drivers
 
 from ..terminal.output import emit, print_line, warn

@@ -38,8 +38,9 @@ from controller.cell.operator import Operator
 from controller.cell.wires import Recorder, WireFileError, WireWriter
 from controller.config import Cell, ConfigError, load_cell
 from controller.processes import worker_pool
-from controller.results import ResultsError, load_run, write_html
+from controller.results.run import ResultsError, load_run
 from controller.results.takt import run_takt
+from controller.results.writing import write_html
 from controller.setup.drivers import require_drivers, require_force
 
 from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder, parse_place

@@ -8,19 +8,17 @@ from typing import Final
 
 from controller.cell.journal import JournalError
 from controller.config import ConfigError
-from controller.results import (
+from controller.results.judged import counted_parts
+from controller.results.pages import write_page
+from controller.results.report import report_json
+from controller.results.run import ResultsError, load_run, note_results
+from controller.results.writing import (
     FORM3_FORMATS,
-    ResultsError,
-    counted_parts,
-    load_run,
-    note_results,
-    report_json,
     write_form3,
     write_html,
     write_parts,
     write_run_pdf,
 )
-from controller.results.pages import write_page
 
 from ..inputs.checks import check_writable_folder
 from ..terminal.output import emit, print_line, warn

@@ -44,6 +44,7 @@ def serve_page(
     require_packages()
     if not project_dir.is_dir():
         raise ConfigError(f"--recipes {project_dir}: there is no such folder")
+    from controller.page.http import Serving
     from controller.page.security import (
         Account,
         Accounts,
@@ -54,7 +55,7 @@ def serve_page(
         sessions_path,
     )
     from controller.page.security.addresses import is_loopback
-    from controller.page.serving import Serving, build, serve
+    from controller.page.serving import build, serve
 
     cert, key = tls
     if (cert is None) != (key is None):

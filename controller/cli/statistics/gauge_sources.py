@@ -14,9 +14,10 @@ from controller.config import ConfigError, split_cad
 from controller.config.cad_files import cad_identity
 from controller.config.files import read_bytes
 from controller.config.view_set import load_view_set
-from controller.results import Header, JudgedPart, RunRecord, counted_parts, judged_part, load_run
 from controller.results.gauge import Reading
-from controller.results.run import SightingReport
+from controller.results.judged import Header, JudgedPart, counted_parts
+from controller.results.judged.inspected import judged_part
+from controller.results.run import RunRecord, SightingReport, load_run
 from controller.stored import (
     compiled_part,
     grasp_numbers,

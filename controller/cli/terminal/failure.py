@@ -13,7 +13,7 @@ from controller.cell.errors import CellError
 from controller.cell.journal import JournalError
 from controller.config import ConfigError
 from controller.planning import NoPlanError
-from controller.results import ResultsError, UnknownRunError
+from controller.results.run import ResultsError, UnknownRunError
 from drivers.errors import DeviceError
 
 from ._bug import report_bug

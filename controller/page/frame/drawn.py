@@ -15,7 +15,7 @@ from starlette.responses import Response
 from controller.arrays import Grey
 from controller.cad import Solid
 from controller.config.files import file_within
-from controller.results.judged import solid_of
+from controller.results.judged.cad import solid_of
 from drivers.pictures import BrokenPictureError, decode
 
 PICTURE_WIDTH_PX: Final = 640

@@ -8,18 +8,10 @@ from typing import Final
 from controller.cad import Solid
 from controller.cell.journal import JOURNAL_NAME, JournalError
 from controller.history import Filters, HistoryError, export, folded, open_store
-from controller.results import (
-    ResultsError,
-    RunRecord,
-    counted_parts,
-    judged_parts,
-    load_run,
-    write_form3,
-    write_html,
-    write_parts,
-    write_run_pdf,
-)
-from controller.results.judged import solid_in_run
+from controller.results.judged import counted_parts, judged_parts
+from controller.results.judged.cad import solid_in_run
+from controller.results.run import ResultsError, RunRecord, load_run
+from controller.results.writing import write_form3, write_html, write_parts, write_run_pdf
 
 FORMS: Final[Mapping[str, str]] = {
     "html": "text/html; charset=utf-8",

@@ -7,8 +7,7 @@ from typing import Any
 
 from controller.cell.journal import JOURNAL_NAME
 from controller.history import folded
-from controller.results import RunRecord
-from controller.results.run import PartReport
+from controller.results.run import PartReport, RunRecord
 
 PER_MILLE = 1000
 

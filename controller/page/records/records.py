@@ -15,7 +15,7 @@ from weakref import WeakValueDictionary
 from controller.cell.journal import JOURNAL_NAME, JournalError, journal_mark
 from controller.history import HistoryError, Store, open_store, store_url
 from controller.history.reviewing import one_part
-from controller.results import ResultsError
+from controller.results.run import ResultsError
 
 from ..frame.words import word
 from .files import WantedFile, write_wanted

@@ -11,8 +11,8 @@ from typing import Final, Protocol
 from controller.cell.journal import JOURNAL_NAME, JournalError
 from controller.history import HistoryError, fill, folded, open_store
 from controller.memory import map_large_arrays
-from controller.results import ResultsError
 from controller.results.review import CROPS, Crop, PartCrops, jpeg
+from controller.results.run import ResultsError
 
 NICENESS: Final = 10
 

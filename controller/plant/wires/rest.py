@@ -25,9 +25,9 @@ from starlette.routing import Route
 
 from controller.config.cell.connect import RestSection
 from controller.page.frame.visit import address_of
+from controller.page.http import Serving, config_of
 from controller.page.security.addresses import is_loopback
 from controller.page.security.sessions import Attempts
-from controller.page.serving import Serving, config_of
 
 from ..model import OrderRequest, Payload
 from ..plant import Plant, PlantError, RefusedError, UnknownError

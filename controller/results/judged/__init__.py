@@ -1,9 +1,9 @@
 """A judged part with everything for a report on it, from a run's journal or an inspection.
 
-`_model.py` has the data, `_sources.py` collects it, `_json.py` prints it for machines.
+`_model.py` has the data, `_sources.py` collects it of a run, `inspected.py` of an inspection,
+`_json.py` prints it for machines, `cad.py` finds the CAD model for its drawings.
 """
 
-from ._cad import solid_in_run, solid_of
 from ._json import (
     RESULT_SCHEMA,
     RESULT_SCHEMA_VERSION,
@@ -12,7 +12,7 @@ from ._json import (
     reviews_json,
 )
 from ._model import DECISION_RULE, Header, JudgedPart, shared_characteristics
-from ._sources import counted_parts, judged_part, judged_parts
+from ._sources import counted_parts, judged_parts
 
 __all__ = [
     "DECISION_RULE",
@@ -22,11 +22,8 @@ __all__ = [
     "JudgedPart",
     "characteristic_json",
     "counted_parts",
-    "judged_part",
     "judged_parts",
     "result_json",
     "reviews_json",
     "shared_characteristics",
-    "solid_in_run",
-    "solid_of",
 ]

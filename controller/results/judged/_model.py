@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from controller.cell.journal.rows import CharacteristicFields
-from controller.inspection.characteristics import CONFORMANCE_PROBABILITY
+from controller.config.characteristics import CONFORMANCE_PROBABILITY
 
 from ..run import PartReport
 

@@ -11,7 +11,8 @@ from jinja2 import Template
 
 from controller.cad import Solid
 
-from ..judged import JudgedPart, judged_parts, solid_in_run
+from ..judged import JudgedPart, judged_parts
+from ..judged.cad import solid_in_run
 from ..pages import css_text, make_environment
 from ..run import RunRecord, row_words, stage_words
 from ..takt import run_takt, takt_line

@@ -12,7 +12,8 @@ from controller.arrays import FloatArray
 from controller.cad import Solid
 from controller.imaging import RayCaster
 
-from ..judged import JudgedPart, judged_parts, solid_in_run
+from ..judged import JudgedPart, judged_parts
+from ..judged.cad import solid_in_run
 from ..report.pictures import grey_picture, window_round
 from ..report.signed.looks import picture_of
 from ..run import Box, FindingReport, RunRecord, ViewReport

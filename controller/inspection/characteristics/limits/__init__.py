@@ -1,5 +1,7 @@
 """Limits of a value: general tolerances, fits, a cell's capability, the decision."""
 
+from controller.config.characteristics import CONFORMANCE_PROBABILITY
+
 from .capability import (
     MAX_SHARE,
     Accuracy,
@@ -10,7 +12,7 @@ from .capability import (
     promised_mm,
     zone_mm,
 )
-from .decision import CONFORMANCE_PROBABILITY, COVERAGE_FACTOR, decide, open_zones
+from .decision import COVERAGE_FACTOR, decide, open_zones
 from .fits import fit_limits_mm
 from .general import (
     TOLERANCE_CLASSES,

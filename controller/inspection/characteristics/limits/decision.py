@@ -8,9 +8,10 @@ from collections.abc import Callable
 from math import erf, inf, isnan, sqrt
 from typing import Final
 
+from controller.config.characteristics import CONFORMANCE_PROBABILITY
+
 from ..._types import Verdict
 
-CONFORMANCE_PROBABILITY: Final = 0.95  # default of S8 without another agreement
 COVERAGE_FACTOR: Final = 2.0  # of the expanded uncertainty U
 
 
