@@ -67,6 +67,15 @@ def wires_of(connect: ConnectSection, folder: Path) -> list[Wire]:
         from .wires.folder import Folder
 
         wires += [Folder(one, folder) for one in connect.folder]
+    if connect.mqtt is not None:
+        try:
+            from .wires.mqtt import mqtt_wires
+        except ImportError as error:
+            raise PlantError(
+                f"`connect.mqtt` needs {error.name}: pip install 'cellctl[mqtt]'"
+            ) from error
+
+        wires += mqtt_wires(connect.mqtt, folder)
     if connect.rest is not None:
         from .wires.rest import Rest
 

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Mapping
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Literal
 
 from controller.plant.model import (
     AlarmNotice,
@@ -84,10 +84,10 @@ class FakePlant:
 
     # what a test does
 
-    async def become(self, state: CellState | None = None, **changes: Any) -> None:
+    async def become(self, **changes: Any) -> None:
         """Change the state."""
         async with self._state_changed:
-            self._state = (state or self._state).model_copy(update=changes)
+            self._state = self._state.model_copy(update=changes)
             self._state_changed.notify_all()
 
     def finish(self, result: PartResult) -> PartResult:
@@ -138,6 +138,9 @@ class FakePlant:
     async def report(self, run: str, part: int) -> Mapping[str, Any]:
         return (await self.part(run, part)).model_dump(mode="json", by_alias=True)
 
+    async def export(self, result: PartResult, kind: Literal["csv", "qif", "dfq"]) -> bytes:
+        return f"{kind} {result.key}".encode()
+
     async def order(self, number: str, request: OrderRequest, source: str) -> OrderState:
         self.told.append(("order", number, source))
         known = self._orders.get(number)
@@ -164,7 +167,7 @@ class FakePlant:
             source=source,
             taken=AT,
             changed=AT,
-            quantity=request.count,
+            quantity=len(request.serials) or request.count,
         )
         return self.change_order(number)
 

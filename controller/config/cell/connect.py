@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from ..yaml_models import Section
+from .mqtt import MqttSection
 
 Listen = Annotated[str, Field(pattern=r"^(\[[0-9a-fA-F:]+\]|[A-Za-z0-9.-]+):\d{1,5}$")]
 
@@ -97,9 +98,11 @@ class ConnectSection(Section):
     webhook : servers that get each result
     rest : answers questions and takes orders over HTTP
     folder : folders that get a file of each result
+    mqtt : a broker that gets each result and the state, and takes orders
     """
 
     may_start: Literal["never", "asked", "yes"] = "never"
     webhook: tuple[WebhookSection, ...] = Field((), max_length=10)
     rest: RestSection | None = None
     folder: tuple[FolderSection, ...] = Field((), max_length=10)
+    mqtt: MqttSection | None = None
