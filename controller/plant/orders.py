@@ -15,6 +15,7 @@ from typing import Any, Final, Literal
 from pydantic import ValidationError
 
 from controller.cell.control import standing_of
+from controller.cell.devices.lock import LOCK_NAME, read_holder
 from controller.cell.journal import (
     JOURNAL_NAME,
     JournalError,
@@ -211,6 +212,8 @@ class OrderBook:
         assert one.started is not None
         if not self._journal.is_file():
             return None
+        # asked before the rows: a run that ends meanwhile has written its last row
+        has_cell = read_holder(self._runs_dir / LOCK_NAME) is not None
         # the journal's clock may be a little behind this process's own
         earliest = (one.started - timedelta(seconds=2)).isoformat()
         began = [
@@ -236,7 +239,7 @@ class OrderBook:
             word = str(end.body.get("end", "broke_off"))
             state = "done" if word == "complete" and done >= (body.count or 1) else "stopped"
             reason = "" if state == "done" else str(end.body.get("message") or word)
-        elif standing_of(self._runs_dir).state != "taken":
+        elif not has_cell:
             state, reason = "stopped", "the run was cut off"
         return {
             "run": run, "quantity": body.count, "done": done, "state": state, "reason": reason,

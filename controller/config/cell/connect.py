@@ -4,6 +4,7 @@ Nothing of it is read by a run. Passwords and keys stand in files of their own, 
 """
 
 from pathlib import Path
+from string import Formatter
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
@@ -74,12 +75,15 @@ class FolderSection(Section):
 
     @model_validator(mode="after")
     def _name_has_known_blanks(self) -> "FolderSection":
-        blanks = dict.fromkeys(FOLDER_BLANKS, "x")
+        known = ", ".join(f"{{{name}}}" for name in FOLDER_BLANKS)
         try:
-            filled = self.name.format_map(blanks)
-        except (KeyError, ValueError, IndexError, AttributeError) as error:
-            known = ", ".join(f"{{{name}}}" for name in FOLDER_BLANKS)
+            pieces = [*Formatter().parse(self.name)]
+        except ValueError as error:
             raise ValueError(f"`name` may have the blanks {known}") from error
+        for _, blank, form, conversion in pieces:
+            if blank is not None and (blank not in FOLDER_BLANKS or form or conversion):
+                raise ValueError(f"`name` may have the blanks {known}")
+        filled = self.name.format_map(dict.fromkeys(FOLDER_BLANKS, "x"))
         if "/" in filled or "\\" in filled or filled.startswith("."):
             raise ValueError("`name` names a file in the folder: no slash, no dot at its beginning")
         return self

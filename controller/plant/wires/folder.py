@@ -18,6 +18,7 @@ from ..model import Notice, PartResult
 from ..plant import Plant, PlantError, RejectedError
 
 WRITE_WALL_S: Final = 30.0
+KILL_WALL_S: Final = 2.0
 UNSAFE: Final = re.compile(r"[^\w.+-]+")
 EMPTY: Final = "none"
 NAME_MAX: Final = 120
@@ -113,8 +114,11 @@ class Folder:
             raise FolderError(f"{self._path}: hangs for {WRITE_WALL_S:.0f} s") from None
         finally:
             if child.returncode is None:
-                with suppress(ProcessLookupError):
+                with suppress(ProcessLookupError, TimeoutError):
                     child.kill()
+                    # one that waits for a disk cannot be killed, and is left to the system
+                    async with asyncio.timeout(KILL_WALL_S):
+                        await child.wait()
         if child.returncode:
             lines = said.decode(errors="replace").strip().splitlines() or ["cannot be written"]
             raise FolderError(f"{self._path}: {lines[-1]}")
