@@ -1,7 +1,7 @@
 """Licences of all that cellctl needs, from the metadata of what is installed.
 
 ``python packaging/licences.py > docs/licences.md``: every package that the program, its extras
-`step` and `page`, and its tests need, directly or through another, with its licence and who needs
+`objects`, `page` and `step`, and its tests need, directly or through another, with its licence and who needs
 it, and the files of others that are kept in the repository. A licence that is not allowed is an
 error; `tests/unit/test_licences.py` holds the page against what is installed.
 """
@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 PROJECT = "cellctl"
-EXTRAS = ("page", "step", "test")
+EXTRAS = ("objects", "page", "step", "test")
 ALLOWED = frozenset(
     {
         *("0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "CC0-1.0", "ISC", "MIT"),

@@ -19,6 +19,7 @@ from controller.cell.devices.clocks import FoundClock, Speed
 from controller.cell.journal import Body, Journal, rows
 from controller.cell.services.records import sightings_row, verdict_row, view_row
 from controller.config import load_cell, load_recipe
+from controller.config.cell.connect import ConnectSection
 from controller.recognition import Sighting
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -146,6 +147,7 @@ class RunWriter:
         unit: str | None = "mm",
         papers: Papers = Papers(),  # noqa: B008 - frozen
         cell_name: str = "",
+        connect: ConnectSection | None = None,
     ) -> None:
         self.runs_dir, self.run_id = runs_dir, run_id
         self.folder = runs_dir / run_id
@@ -153,7 +155,7 @@ class RunWriter:
         self.journal = Journal(runs_dir / JOURNAL_NAME, run_id)
         self.number = 0
         cell = load_cell(CELL)
-        cell = cell.model_copy(update={"name": cell_name or cell.name})
+        cell = cell.model_copy(update={"name": cell_name or cell.name, "connect": connect})
         recipe = load_recipe(RECIPE).model_copy(update={"name": name, "unit": unit})
         order = RunOrder(
             recipe_path=RECIPE,

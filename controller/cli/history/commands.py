@@ -91,6 +91,31 @@ def history(
     yes: Annotated[
         bool, typer.Option("--yes", help="delete the pictures; verdicts and values stay")
     ] = False,
+    copy_pictures_to: Annotated[
+        str | None,
+        typer.Option(
+            "--copy-pictures-to",
+            metavar="URL",
+            help="copy the runs' pictures to a store of objects, as s3://plant/cell-3 or "
+            "file:///mnt/share; each is read back and journaled",
+        ),
+    ] = None,
+    keep_pictures: Annotated[
+        bool,
+        typer.Option(
+            "--keep-pictures",
+            help="copy the runs' pictures and delete old ones here, as `connect: pictures:` of the "
+            "cell file asks",
+        ),
+    ] = False,
+    fetch_pictures: Annotated[
+        str | None,
+        typer.Option(
+            "--fetch-pictures",
+            metavar="RUN",
+            help="write the missing pictures of a run into its folder again, from their copies",
+        ),
+    ] = None,
     store: StoreOption = None,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
@@ -107,6 +132,21 @@ def history(
         raise typer.Exit(make_room(drop_pictures_before, runs, store, is_dry=not yes, as_json=json))
     if yes:
         raise typer.BadParameter("--yes requires --drop-pictures-before")
+    if copy_pictures_to is not None:
+        with loading():
+            from .keeping import send_pictures
+
+        raise typer.Exit(send_pictures(copy_pictures_to, runs, as_json=json))
+    if keep_pictures:
+        with loading():
+            from .keeping import keep_as_asked
+
+        raise typer.Exit(keep_as_asked(runs, store, as_json=json))
+    if fetch_pictures is not None:
+        with loading():
+            from .keeping import fetch_pictures as fetch
+
+        raise typer.Exit(fetch(fetch_pictures, runs, as_json=json))
     with loading():
         from .answering import FilterWords, answer
 

@@ -190,7 +190,7 @@ def _picture(crops: PartCrops | None, number: int) -> str | None:
     found = None if crops is None else crops.of(number)
     if crops is None or found is None or not found.file:
         return None
-    return str(crops.judged.folder / found.file)
+    return str(crops.judged.pictures.folder / found.file)
 
 
 def _decide(

@@ -15,6 +15,7 @@ from controller.results.run import RunRecord, load_run, prove_run
 from controller.stored import compiled_part, judge_views, judging_of, lines_digest, read_pictures
 
 from ..inputs.checks import require_files
+from ..inputs.run_pictures import bring_back
 from ..terminal.output import emit, print_line, warn
 
 Items = Mapping[Hashable, Mapping[str, Any]]
@@ -70,8 +71,9 @@ def replay_run(runs_dir: Path, run: str | None, recipe_path: Path | None, *, as_
     sets = [record.folder / part.inspected.views for part in judged]
     require_files(sets)
     files = [load_view_set(path) for path in sets]
-    views = (view for file in files for view in file.views)
-    require_files(picture for view in views for picture in view.pictures.values())
+    pictures = [one for file in files for view in file.views for one in view.pictures.values()]
+    bring_back(record, pictures)
+    require_files(pictures)
     tampered = prove_run(record.folder.parent, record.run_id).tampered
     for one in tampered:
         warn(f"{one.subject}: {one.problem}; the results below are of the files as they are now")

@@ -36,6 +36,7 @@ from controller.stored import (
 from controller.stored.learned_file import BY_VERDICT, SCHEMA
 
 from ..inputs.checks import check_writable_folder, require_files
+from ..inputs.run_pictures import bring_back
 from ..terminal.output import emit, print_line, warn
 
 # Newest parts taken: the pictures of one take some 30 MB, and more parts hardly change a median.
@@ -182,6 +183,7 @@ def _accepted(runs: Path, wanted: str | None) -> Iterator[AcceptedViews]:
             wanted = wanted or source.cad_sha256
             if source.cad_sha256 != wanted:
                 continue
+            bring_back(record, pictures)
             if files & changed or not all(file.is_file() for file in pictures):
                 warn(f"{source.accepted.name}: its pictures changed or are gone; it is left out")
                 continue

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
+from ..object_address import object_address
 from ..yaml_models import Section
 from .mqtt import MqttSection
 
@@ -92,6 +93,20 @@ class FolderSection(Section):
 FOLDER_BLANKS = ("order", "recipe", "serial", "lot", "run", "part", "revision")
 
 
+class PicturesSection(Section):
+    """Copies of the runs' pictures in a store of objects, and how long pictures stay here.
+
+    Attributes
+    ----------
+    copy_to : address of the store, as `s3://plant/cell-3` or `file:///mnt/share/cell-3`; with one,
+        no picture is deleted here before its copy was read back
+    keep_local_days : age from which pictures of a run are deleted here (default: never)
+    """
+
+    copy_to: Annotated[str, Field(max_length=500), AfterValidator(object_address)] = ""
+    keep_local_days: float | None = Field(None, ge=0)
+
+
 class ConnectSection(Section):
     """Wires to a plant system.
 
@@ -103,6 +118,7 @@ class ConnectSection(Section):
     rest : answers questions and takes orders over HTTP
     folder : folders that get a file of each result
     mqtt : a broker that gets each result and the state, and takes orders
+    pictures : copies of the runs' pictures, and how long they stay here
     """
 
     may_start: Literal["never", "asked", "yes"] = "never"
@@ -110,3 +126,4 @@ class ConnectSection(Section):
     rest: RestSection | None = None
     folder: tuple[FolderSection, ...] = Field((), max_length=10)
     mqtt: MqttSection | None = None
+    pictures: PicturesSection | None = None

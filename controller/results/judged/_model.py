@@ -3,13 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from pathlib import Path
 from typing import Final
 
 from controller.cell.journal.rows import CharacteristicFields
 from controller.config.characteristics import CONFORMANCE_PROBABILITY
 
-from ..run import PartReport
+from ..run import PartReport, RunPictures
 
 DECISION_RULE: Final = f"guard bands, {100 * CONFORMANCE_PROBABILITY:.0f} % for PASS and for FAIL"
 
@@ -65,12 +64,12 @@ class JudgedPart:
     ----------
     header : header of the report
     part : results of the part
-    folder : its pictures are here
+    pictures : reader of its pictures
     """
 
     header: Header
     part: PartReport
-    folder: Path
+    pictures: RunPictures
 
     @property
     def verdict(self) -> str:

@@ -6,13 +6,14 @@ from typing import Any
 
 from controller.config import split_cad
 
-from ..run import PartReport, RunRecord
+from ..run import PartReport, RunPictures, RunRecord
 from ._model import Header, JudgedPart
 
 
 def judged_parts(record: RunRecord) -> tuple[JudgedPart, ...]:
     """Return the parts of a run, in order."""
-    return tuple(JudgedPart(_header(record, part), part, record.folder) for part in record.parts)
+    pictures = RunPictures(record.folder, record.copies)
+    return tuple(JudgedPart(_header(record, part), part, pictures) for part in record.parts)
 
 
 def counted_parts(record: RunRecord) -> tuple[JudgedPart, ...]:

@@ -10,7 +10,7 @@ from controller.cell.journal import rows
 from controller.cell.services.records import findings_row, measured_row, verdict_row, view_row
 from controller.inspection import PartInspection
 
-from ..run import PartFold
+from ..run import PartFold, RunPictures
 from ._model import Header, JudgedPart
 
 
@@ -42,4 +42,4 @@ def judged_part(
             update={"verdict": inspection.verdict.value, "reasons": inspection.reasons}
         )
     )
-    return JudgedPart(header, fold.report(is_cut_off=False), folder)
+    return JudgedPart(header, fold.report(is_cut_off=False), RunPictures(folder))

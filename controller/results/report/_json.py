@@ -27,7 +27,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `parts[].views[]` | `view`, `evaluated` (null: never judged), `reason`, `shift_mm`, `turn_deg`, `residual_px`, `checks` (`check`, `reason` why it was not made, `compared_samples`, `size_mm`, `length_mm`), `findings` (numbers), `pictures` |
 | `parts[].steps[]` | `label`, `forecast_s`, `seconds` (null: not finished), `view`, `tray` |
 | `parts[].sightings[]`, `looks`, `grips_missed`, `forecast_s`, `table_pictures` | what led to the grasp; `is_taken` tells the part from what was left alone |
-| `pictures.<lamp>` | `file` (in the run's folder), `sha256` (null: the file is missing) |
+| `pictures.<lamp>` | `file` (in the run's folder), `sha256` (null: the file is missing, and no copy could be read), `copied_to` (address of the store of objects that has a copy) |
 | `dry` | null, or of a dry run (motions without a part) its steps: `label`, `pose_index`, `motions`, `lifted_mm` (least, most), `left_out` (reasons), `seconds` |
 | `stages[]` | `state`, `visits`, `wall_s` |
 | `takt` | what the arm's time went into: `seconds` by use, which add up to `total_s`; `execute_s`, `busy_s`, `busy_share`, `s_a_part` (of `parts`, which have a verdict; `unjudged` have none), `forecast_s` and what that took, `clock` (`wall` in journals of older versions), `planned_ahead` (parts) (docs/operating/history.md) |
@@ -39,15 +39,13 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from controller.cell.alarms import alarm_of
 from controller.cell.journal.rows import PlanMade
-from controller.config.files import file_within
 
 from ..judged import characteristic_json, reviews_json
-from ..run import FindingReport, PartReport, RunRecord, ViewReport
+from ..run import FindingReport, PartReport, RunPictures, RunRecord, ViewReport
 from ..takt import run_takt, takt_json
 from ._words import cautions, headline, why_in_run
 
@@ -58,6 +56,7 @@ SCHEMA_VERSION = 1
 def report_json(record: RunRecord) -> dict[str, Any]:
     """Return a run as plain JSON values; see the module's table for the schema."""
     word, sentence = headline(record)
+    pictures = RunPictures(record.folder, record.copies)
     several = record.ordered_recipes if len(record.ordered_recipes) > 1 else ()
     body = {
         "schema": SCHEMA,
@@ -97,7 +96,7 @@ def report_json(record: RunRecord) -> dict[str, Any]:
         "why": sentence,
         "cautions": cautions(record),
         "ordered": record.ordered,
-        "parts": [_part(record, part) for part in record.parts],
+        "parts": [_part(record, part, pictures) for part in record.parts],
         "dry": None if record.dry is None else [asdict(step) for step in record.dry],
         "takt": takt_json(run_takt(record)),
         "stages": [asdict(stage) for stage in record.stages],
@@ -111,7 +110,7 @@ def report_json(record: RunRecord) -> dict[str, Any]:
     return plain
 
 
-def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
+def _part(record: RunRecord, part: PartReport, pictures: RunPictures) -> dict[str, Any]:
     verdict = part.verdict
     faces = verdict.faces if verdict else ()
     total = sum(face.area_mm2 for face in faces) or 1.0
@@ -142,7 +141,7 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
         "looks": part.looks,
         "grips_missed": part.grasps_missed,
         "left_on_table": [one.as_json() for one in part.left],
-        "table_pictures": _pictures(record.folder, part.table_pictures),
+        "table_pictures": _pictures(pictures, part.table_pictures),
         "sightings": [asdict(sighting) for sighting in part.sightings],
         "forecast_s": part.plan.forecast_s if part.plan else None,
         "plan": _plan(part.plan) if part.plan else None,
@@ -158,7 +157,7 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
             }
             for step in part.steps
         ],
-        "views": [_view(record.folder, view) for view in part.views],
+        "views": [_view(pictures, view) for view in part.views],
         "characteristics": [characteristic_json(c) for c in part.characteristics],
         "findings": [_finding(finding) for finding in part.findings],
         "faces": [
@@ -193,7 +192,7 @@ def _plan(plan: PlanMade) -> dict[str, Any]:
     }
 
 
-def _view(folder: Path, view: ViewReport) -> dict[str, Any]:
+def _view(pictures: RunPictures, view: ViewReport) -> dict[str, Any]:
     return {
         "view": view.view,
         "evaluated": view.evaluated,
@@ -203,7 +202,7 @@ def _view(folder: Path, view: ViewReport) -> dict[str, Any]:
         "residual_px": view.residual_px,
         "checks": [check.model_dump(exclude={"misfit"}) for check in view.checks],
         "findings": [finding.number for finding in view.findings],
-        "pictures": _pictures(folder, view.pictures),
+        "pictures": _pictures(pictures, view.pictures),
     }
 
 
@@ -224,18 +223,15 @@ def _finding(finding: FindingReport) -> dict[str, Any]:
     }
 
 
-def _pictures(folder: Path, names: Mapping[str, str]) -> dict[str, Any]:
-    return {lamp: {"file": name, "sha256": _sha256(folder, name)} for lamp, name in names.items()}
+def _pictures(pictures: RunPictures, names: Mapping[str, str]) -> dict[str, Any]:
+    return {lamp: {"file": name, **_found(pictures, name)} for lamp, name in names.items()}
 
 
-def _sha256(folder: Path, name: str) -> str | None:
-    path = file_within(folder, name)
-    if path is None:
-        return None
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        return None
+def _found(pictures: RunPictures, name: str) -> dict[str, Any]:
+    data = pictures.read(name)
+    digest = None if isinstance(data, str) else hashlib.sha256(data).hexdigest()
+    copy = pictures.copies.get(name)
+    return {"sha256": digest, **({} if copy is None else {"copied_to": copy.to})}
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any JSON value

@@ -140,7 +140,7 @@ def _page(
     is_long = len(parts) > MANY_PARTS
     for judged in parts:
         is_brief = on_paper or (is_long and _has_passed(judged))
-        pictures = Pictures(judged.folder, quality)
+        pictures = Pictures(judged.pictures, quality)
         optics = Optics.of(judged.header.cell_settings)
         reason = why_in_run(record, judged.part) if record else why(judged.part)
         pages.append(

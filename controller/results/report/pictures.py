@@ -7,7 +7,6 @@ is rendered again with the next lower one.
 import base64
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 import cv2
@@ -15,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.arrays import Grey
-from controller.config.files import file_within
 from drivers.pictures import BrokenPictureError, decode
 
-from ..run import Box, Points
+from ..run import Box, Points, RunPictures
 
 # Ratio of width to height of every cut-out, the same as the cameras'.
 ASPECT: Final = 1.25
@@ -90,10 +88,11 @@ class Shot:
 class Pictures:
     """Reader of a run's pictures; a missing or broken file is reported on the page, not raised."""
 
-    def __init__(self, folder: Path, quality: Quality) -> None:
-        self._folder = folder
+    def __init__(self, pictures: RunPictures, quality: Quality) -> None:
+        self._pictures = pictures
         self._quality = quality
         self._decoded: dict[str, Grey | None] = {}
+        self._why: dict[str, str] = {}
         self._held_px = 0
 
     @property
@@ -120,8 +119,7 @@ class Pictures:
             return Shot("", f"{name}: left out to keep this page small", fallback)
         image = self._read(name)
         if image is None:
-            state = "cannot be read" if (self._folder / name).is_file() else "is missing"
-            return Shot("", f"picture {name} {state}", fallback)
+            return Shot("", self._why.get(name, f"picture {name} cannot be read"), fallback)
         height, width = image.shape[:2]
         x0, y0, x1, y1 = window or (0, 0, width, height)
         x0, y0, x1, y1 = max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
@@ -142,27 +140,30 @@ class Pictures:
             while self._held_px > KEPT_PX:
                 gone = self._decoded.pop(next(iter(self._decoded)))
                 self._held_px -= 0 if gone is None else gone.size
-            image = grey_picture(self._folder, name)
+            found = grey_picture(self._pictures, name)
+            if isinstance(found, str):
+                self._why[name] = found
+            image = None if isinstance(found, str) else found
             self._decoded[name] = image
             self._held_px += 0 if image is None else image.size
         return self._decoded[name]
 
 
-def grey_picture(folder: Path, name: str) -> Grey | None:
-    """Return a picture of a run; None if it is missing or unreadable.
+def grey_picture(pictures: RunPictures, name: str) -> Grey | str:
+    """Return a picture of a run, or the reason why there is none.
 
     Parameters
     ----------
-    folder : folder of the run
+    pictures : pictures of the run
     name : name of the file, relative to the folder
     """
-    path = file_within(folder, name)
-    if path is None or not path.is_file():
-        return None
+    data = pictures.read(name)
+    if isinstance(data, str):
+        return data
     try:
-        return np.asarray(decode(path.read_bytes(), "grey"), dtype=np.uint8)
+        return np.asarray(decode(data, "grey"), dtype=np.uint8)
     except BrokenPictureError:
-        return None
+        return f"picture {name} cannot be read"
 
 
 def _gain(image: Grey) -> float:

@@ -103,9 +103,9 @@ class PartCrops:
     def _found(self, view: ViewReport, finding: FindingReport) -> FindingCrops:
         file = picture_of(view, finding.lamp) or ""
         lamp = next((name for name, one in view.pictures.items() if one == file), "")
-        picture = grey_picture(self._record.folder, file) if file and finding.box_px else None
+        picture = grey_picture(self.judged.pictures, file) if file and finding.box_px else ""
         window = None
-        if picture is not None and finding.box_px is not None:
+        if not isinstance(picture, str) and finding.box_px is not None:
             size = (picture.shape[1], picture.shape[0])
             window = window_round([finding.box_px], size, MARGIN, MIN_PX)
         return FindingCrops(finding, view, file, lamp, window)
@@ -120,10 +120,12 @@ class PartCrops:
         """
         if which == "place":
             return self._place(found.finding)
-        picture = grey_picture(self._record.folder, found.file) if found.file else None
-        if picture is None or found.window is None:
-            name = f"picture {found.file} is missing" if found.file else "no picture was named"
-            return ShownCrop(None, name)
+        nothing = "no picture was named"
+        picture = grey_picture(self.judged.pictures, found.file) if found.file else nothing
+        if isinstance(picture, str):
+            return ShownCrop(None, picture)
+        if found.window is None:
+            return ShownCrop(None, f"picture {found.file} is missing")
         x0, y0, x1, y1 = found.window
         observed = np.asarray(picture[y0:y1, x0:x1], dtype=float)
         gain = _gain(observed)

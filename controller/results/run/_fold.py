@@ -11,6 +11,7 @@ from controller.cell.custody import Custody, where_it_is
 from controller.cell.journal import CELL_TIME, Body, Row, is_of, read_row, rows
 
 from ._parts import PartFold
+from ._stored import copies_in, stored_files
 from .log_words import row_words
 from .model import (
     DeviceReport,
@@ -85,6 +86,8 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
         calibration=None if stood is None else stood.sentences,
         dry=_dry(log) if began.is_dry else None,
         ordered_recipes=began.ordered,
+        stored={file: digest for file, (digest, _) in stored_files(found).items()},
+        copies=copies_in(found),
     )
 
 
@@ -236,7 +239,7 @@ def _where(part: PartReport | None) -> str:
 def _of_the_run(found: Sequence[Row]) -> Sequence[Row]:
     """Return the rows up to the run's end; reports written later are noted after it."""
     last = next((i for i, row in enumerate(found) if is_of(row, rows.RunEnded)), len(found) - 1)
-    later = (rows.FilesStored, rows.PicturesDropped)
+    later = (rows.FilesStored, rows.PicturesCopied, rows.PicturesDropped)
     rest = (row for row in found[last + 1 :] if not any(is_of(row, body) for body in later))
     return [*found[: last + 1], *rest]
 

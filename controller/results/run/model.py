@@ -318,6 +318,14 @@ class RunOutcome:
 
 
 @dataclass(frozen=True, slots=True)
+class Copy:
+    """The copy of a picture: the address of its store of objects, and its SHA-256."""
+
+    to: str
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
 class RunRecord:
     """A run, folded from its journal.
 
@@ -337,6 +345,8 @@ class RunRecord:
         they are
     dry : the steps of a dry run; None if the run was to inspect parts
     ordered_recipes : all recipes of the run, at least one; `recipe` is the first
+    stored : sha256 of each file of the run's folder, as the journal has it
+    copies : copies of pictures, by file
     """
 
     run_id: str
@@ -366,6 +376,8 @@ class RunRecord:
     calibration: tuple[str, ...] | None = None
     dry: tuple[DryStepReport, ...] | None = None
     ordered_recipes: tuple[RecipeOrdered, ...] = ()
+    stored: Mapping[str, str] = field(default_factory=dict)
+    copies: Mapping[str, Copy] = field(default_factory=dict)
 
     @property
     def recipe_name(self) -> str:

@@ -14,7 +14,6 @@ from typing import Final
 from controller.cell.journal import (
     JOURNAL_NAME,
     JournalError,
-    Row,
     append_beside,
     broken_rows,
     first_broken_row,
@@ -24,6 +23,8 @@ from controller.cell.journal import (
     rows,
 )
 
+from ._stored import copies_in, stored_files
+from .copies import RunPictures
 from .load import find_run
 from .model import ResultsError
 
@@ -93,7 +94,7 @@ def prove_run(runs_dir: Path, run: str | None = None, head: str | None = None) -
     dropped = {
         file for row in found if is_of(row, rows.PicturesDropped) for file in row.body["files"]
     }
-    tampered += _changed(folder, stored, dropped)
+    tampered += _changed(RunPictures(folder, copies_in(found)), stored, dropped)
     tampered += _strange(folder, stored)
     if not stored:
         tampered.append(
@@ -101,16 +102,6 @@ def prove_run(runs_dir: Path, run: str | None = None, head: str | None = None) -
         )
     last_seq, last_hash = hashes[-1]
     return RunProof(run_id, len(found), len(stored), tuple(tampered), last_seq, last_hash)
-
-
-def stored_files(found: Sequence[Row]) -> dict[str, tuple[str, int]]:
-    """Return each file's last SHA-256 in the journal, and the number of its row."""
-    stored: dict[str, tuple[str, int]] = {}
-    for row in found:
-        if is_of(row, rows.FilesStored):
-            for file, digest in row.body.items():
-                stored[str(file)] = (str(digest), row.seq)
-    return stored
 
 
 def note_results(runs_dir: Path, run_id: str, files: Sequence[Path]) -> None:
@@ -155,16 +146,20 @@ def _hashes(path: Path) -> list[tuple[int, str]]:
 
 
 def _changed(
-    folder: Path, stored: dict[str, tuple[str, int]], dropped: Collection[str]
+    pictures: RunPictures, stored: dict[str, tuple[str, int]], dropped: Collection[str]
 ) -> Iterator[Tampering]:
-    """Yield the files that are missing without having been deleted, or that have changed."""
-    root = folder.resolve()
+    """Yield the files that are missing without having been deleted, or that have changed.
+
+    Of a deleted picture with a copy, the copy is read and checked.
+    """
+    folder, root = pictures.folder, pictures.folder.resolve()
     for file, (digest, seq) in stored.items():
         path = (folder / file).resolve()
         if not path.is_relative_to(root):
             yield Tampering(file, f"row {seq} names a file outside of the run's folder")
         elif file in dropped and not path.exists():
-            continue
+            if file in pictures.copies and isinstance(why := pictures.read(file), str):
+                yield Tampering(file, why.removeprefix(f"picture {file} "))
         elif not path.is_file():
             yield Tampering(file, f"is missing; row {seq} has its hash")
         else:

@@ -348,6 +348,16 @@ class PartReviewed(Body):
     findings: tuple[FindingReviewed, ...] = ()
 
 
+class PicturesCopied(Body):
+    """Pictures of a run that are in a store of objects, too: SHA-256 by file, each read back."""
+
+    kind = "decision"
+    row_name = "pictures_copied"
+    to: str
+    files: Mapping[str, str]
+    who: str = ""
+
+
 class PicturesDropped(Body):
     """Pictures of a run that were deleted to make room; their hashes stay in the journal."""
 

@@ -6,7 +6,7 @@ from typing import Final
 from .._form import Row
 from . import _decisions, _deeds, _events, _observations
 from ._body import Body, EffectClass, Json, NamedBody
-from ._decisions import PartFollowed, PartReviewed, PicturesDropped
+from ._decisions import PartFollowed, PartReviewed, PicturesCopied, PicturesDropped
 from ._deeds import CustodyChanged, Intent, OnceDone
 from ._events import CellEvent
 from ._observations import FilesStored
@@ -27,7 +27,13 @@ GROUPS: Final[Mapping[str, type[NamedBody]]] = {
 }
 # Rows that people, reports and later runs add to a run that has ended; none of them is about the
 # cell during the run.
-ADDED: Final[tuple[type[Body], ...]] = (FilesStored, PicturesDropped, PartReviewed, PartFollowed)
+ADDED: Final[tuple[type[Body], ...]] = (
+    FilesStored,
+    PicturesCopied,
+    PicturesDropped,
+    PartReviewed,
+    PartFollowed,
+)
 
 
 def read_row(kind: str, name: str, body: Json) -> Body | None:
