@@ -22,7 +22,14 @@ def _topic(text: str) -> str:
     return text
 
 
+def _level(text: str) -> str:
+    if not _LEVEL.fullmatch(text):
+        raise ValueError("must be one level of a topic: without /, + and #")
+    return text
+
+
 Topic = Annotated[str, Field(min_length=1, max_length=MAX_TOPIC), AfterValidator(_topic)]
+Level = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_level)]
 
 
 class MqttTlsSection(Section):
@@ -45,6 +52,21 @@ class MqttTlsSection(Section):
         return self
 
 
+class SparkplugSection(Section):
+    """The cell as an edge node of Sparkplug B 3.0.
+
+    Attributes
+    ----------
+    group, node, device : its names; the node defaults to the name of the cell
+    primary_host : host application without which nothing is sent
+    """
+
+    group: Level
+    node: Level | None = None
+    device: Level = "vision"
+    primary_host: Level | None = None
+
+
 class MqttSection(Section):
     """A broker of MQTT.
 
@@ -60,6 +82,7 @@ class MqttSection(Section):
     reply_to : further topics below which an order may ask for its answer
     tls : encrypts, with certificates; `{}` with the system's list of authorities
     keep_alive_s : a broker tells after 1.5 times as long that the cell is gone [s]
+    sparkplug : the cell as an edge node, beside plain JSON
     """
 
     broker: str = Field(min_length=1, max_length=253)
@@ -72,6 +95,7 @@ class MqttSection(Section):
     prefix: Topic | None = None
     reply_to: tuple[Topic, ...] = Field(default=(), max_length=20)
     keep_alive_s: int = Field(default=20, ge=5, le=600)
+    sparkplug: SparkplugSection | None = None
 
     @model_validator(mode="after")
     def _password_is_not_sent_in_clear(self) -> "MqttSection":

@@ -189,7 +189,8 @@ class Link(aiomqtt.Client):
         Raises
         ------
         RejectedError : the broker never takes this one
-        OSError : it does not take it now, or is gone
+        ConnectionError : the connection is lost
+        OSError : it does not take it now
         TimeoutError : it does not answer
         """
         async with self._sending:
@@ -293,9 +294,20 @@ class Link(aiomqtt.Client):
 async def connected(access: Access, identifier: str, will: Message) -> AsyncIterator[Link]:
     """Connect for the time of a block; when it is left, the will is published.
 
+    Parameters
+    ----------
+    access : broker, and how to get in
+    identifier : name of the client, which no other has
+    will : what the broker publishes at the end
+
+    Returns
+    -------
+    the connection
+
     Raises
     ------
-    OSError : the broker is not there, or refuses; the message says which
+    ConnectionError : the broker is not there, or refuses; the message says which
+    OSError : a file of `access` cannot be used
     """
     host, port = access.settings.address
     link = Link(access, identifier, will)
