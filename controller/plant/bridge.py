@@ -74,7 +74,12 @@ class CellPlant:
         self._last: tuple[float, CellState] | None = None
 
     def may_enter(self, name: str, password: str) -> bool:
-        """Return whether a plant account has this password. Slow on purpose: call in a thread."""
+        """Return whether a plant account has this password. Slow on purpose: call in a thread.
+
+        Raises
+        ------
+        PlantError : the accounts cannot be read
+        """
         try:
             found = self._accounts.find(name, password)
         except AccountsError as error:
@@ -109,25 +114,48 @@ class CellPlant:
         return await asyncio.to_thread(self._parts, after, limit)
 
     async def part(self, run: str, part: int, revision: int | None = None) -> PartResult:
-        """Return a result; without a revision, the last one."""
+        """Return a result.
+
+        Parameters
+        ----------
+        run, part : whose
+        revision : of its result; None for the last one
+        """
         return await asyncio.to_thread(self._part, run, part, revision)
 
     async def report(self, run: str, part: int) -> Mapping[str, Any]:
-        """Return the whole result of a part, as `cellctl report --format json` has it."""
+        """Return the whole result of a part, as `cellctl report --format json` has it.
+
+        Raises
+        ------
+        UnknownError : there is none
+        """
         try:
             return await asyncio.to_thread(whole_result, self._journal, run, part)
         except (JournalError, ResultsError) as error:
             raise UnknownError(str(error)) from error
 
     async def export(self, result: PartResult, kind: Literal["csv", "qif", "dfq"]) -> bytes:
-        """Return a result as a file that a factory reads, as of its revision."""
+        """Return a result as a file that a factory reads, as of its revision.
+
+        Raises
+        ------
+        PlantError : it cannot be written as such a file
+        """
         try:
             return await asyncio.to_thread(exported, self._journal, result, kind)
         except (JournalError, ResultsError, ValueError) as error:
             raise PlantError(str(error)) from error
 
     async def order(self, number: str, request: OrderRequest, source: str) -> OrderState:
-        """Take an order; the same again changes nothing. The state tells a refusal."""
+        """Take an order and return it; the same again changes nothing. The state tells a refusal.
+
+        Parameters
+        ----------
+        number : the plant's own, 1 to 80 signs
+        request : what is ordered
+        source : account and wire, as in `mes by REST`
+        """
         return await self._orders.take(number, request, source)
 
     async def orders(self) -> tuple[OrderState, ...]:
@@ -143,7 +171,7 @@ class CellPlant:
         return self._orders.changes()
 
     async def withdraw(self, number: str, source: str) -> OrderState:
-        """Take back an order that has not begun."""
+        """Take back an order that has not begun; return it."""
         return await self._orders.withdraw(number, source)
 
     async def stop(self, source: str, why: str) -> str:
@@ -200,7 +228,15 @@ class CellPlant:
 
 async def serve(plant: CellPlant, orders: OrderBook, wires: Sequence[Wire],
                 boxes: Sequence[Outbox]) -> None:  # fmt: skip
-    """Serve wires, deliver and follow orders until cancelled."""
+    """Serve wires, deliver and follow orders until cancelled.
+
+    Parameters
+    ----------
+    plant : the cell as wires see it
+    orders : its orders
+    wires : wires to serve
+    boxes : outbox of each receiver
+    """
     async with asyncio.TaskGroup() as tasks:
         tasks.create_task(orders.run())
         for wire in wires:

@@ -97,6 +97,11 @@ def result_of(
 def whole_result(journal: Path, run: str, part: int) -> Mapping[str, Any]:
     """Return all of a part's result, as `cellctl report --format json` has it.
 
+    Parameters
+    ----------
+    journal : its file
+    run, part : whose
+
     Raises
     ------
     JournalError : the journal cannot be read
@@ -107,6 +112,12 @@ def whole_result(journal: Path, run: str, part: int) -> Mapping[str, Any]:
 
 def exported(journal: Path, result: PartResult, kind: Literal["csv", "qif", "dfq"]) -> bytes:
     """Return a result as a file that a factory reads, as of its revision.
+
+    Parameters
+    ----------
+    journal : its file
+    result : which one
+    kind : kind of the file
 
     Raises
     ------
@@ -268,7 +279,7 @@ def _alarm(cell: str, row: Row) -> AlarmNotice | None:
     message = next((str(body[key]) for key in ("message", "error", "reason") if body.get(key)), "")
     return AlarmNotice(
         cell=cell, run=row.run, part=row.part or None, seq=row.seq, at=at, change="raised",
-        number=number, code=known.code, message=message,
+        number=number, code=known.code, message=message or known.words,
         device=str(fields.get("device") or body.get("device") or "") or None,
         action=str(fields.get("action") or known.action),
     )  # fmt: skip

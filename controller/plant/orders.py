@@ -74,7 +74,18 @@ class OrderBook:
         """Why no order is started now, beside its own state; a wire may set it (a PLC is gone)."""
 
     async def take(self, number: str, request: OrderRequest, source: str) -> OrderState:
-        """Take an order; see `Plant.order`."""
+        """Take an order and return it; the same again changes nothing. The state tells a refusal.
+
+        Parameters
+        ----------
+        number : the plant's own, 1 to 80 signs
+        request : what is ordered
+        source : account and wire, as in `mes by REST`
+
+        Raises
+        ------
+        RefusedError : the number makes no sense, has another order that has begun, or too many wait
+        """
         if not 0 < len(number) <= MAX_NUMBER or not number.isprintable():
             raise RefusedError(f"an order's number has 1 to {MAX_NUMBER} printable signs")
         async with self._one_at_a_time:
@@ -121,7 +132,13 @@ class OrderBook:
         return await self._find(number)
 
     async def withdraw(self, number: str, source: str) -> OrderState:
-        """Take back an order that has not begun; see `Plant.withdraw`."""
+        """Take back an order that has not begun; return it.
+
+        Raises
+        ------
+        RefusedError : it has begun, or is over
+        UnknownError : there is none
+        """
         async with self._one_at_a_time:
             kept = await self._find(number)
             if kept.state not in ("queued", "asked"):

@@ -143,7 +143,14 @@ class Book:
         return next((one.head for one in wanted), None)
 
     def set_place(self, courier: str, journal: str, head: Head) -> None:
-        """Note how far a receiver is; on the disk when this returns."""
+        """Note how far a receiver is; on the disk when this returns.
+
+        Parameters
+        ----------
+        courier : its name
+        journal : key of the journal
+        head : the last row that it has confirmed
+        """
         with self._open() as db:
             db.execute(
                 "INSERT INTO couriers VALUES (?, ?, ?, ?) ON CONFLICT (name, journal) DO UPDATE "
@@ -152,7 +159,15 @@ class Book:
             )
 
     def refuse(self, courier: str, key: str, body: str, why: str) -> None:
-        """Keep a notice for a person."""
+        """Keep a notice for a person.
+
+        Parameters
+        ----------
+        courier : receiver that refuses it
+        key : what it is known by
+        body : as JSON; empty where it cannot be made
+        why : the receiver's reason
+        """
         now = datetime.now(UTC).isoformat(timespec="seconds")
         with self._open() as db:
             db.execute(
@@ -179,7 +194,14 @@ class Book:
             return [body for (body,) in db.execute(query, (0 if are_open else 1,))]
 
     def put_order(self, number: str, body: str, *, is_over: bool) -> None:
-        """Keep an order, as JSON; on the disk when this returns."""
+        """Keep an order; on the disk when this returns.
+
+        Parameters
+        ----------
+        number : the plant's own
+        body : the order as JSON
+        is_over : nothing more happens to it
+        """
         with self._open() as db:
             db.execute(
                 "INSERT INTO orders (number, body, is_over) VALUES (?, ?, ?) "
@@ -347,6 +369,12 @@ def behind(runs_dir: Path, place: Place) -> int | None:
 
 def resume(runs_dir: Path, book: Book, courier: str) -> int:
     """Go on from the ends of the journals as they are now; return how many journals there are.
+
+    Parameters
+    ----------
+    runs_dir : folder of all runs
+    book : remembers how far receivers are
+    courier : name of the receiver
 
     Raises
     ------

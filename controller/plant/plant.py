@@ -77,7 +77,12 @@ class Plant(Protocol):
         """Return results whose journal row is after a number, oldest first."""
 
     async def part(self, run: str, part: int, revision: int | None = None) -> PartResult:
-        """Return a result; without a revision, the last one.
+        """Return a result.
+
+        Parameters
+        ----------
+        run, part : whose
+        revision : of its result; None for the last one
 
         Raises
         ------
@@ -101,7 +106,7 @@ class Plant(Protocol):
         """
 
     async def order(self, number: str, request: OrderRequest, source: str) -> OrderState:
-        """Take an order; the same again changes nothing. The state tells a refusal.
+        """Take an order and return it; the same again changes nothing. The state tells a refusal.
 
         Parameters
         ----------
@@ -129,7 +134,7 @@ class Plant(Protocol):
         """Yield each order as it changes, from now on."""
 
     async def withdraw(self, number: str, source: str) -> OrderState:
-        """Take back an order that has not begun.
+        """Take back an order that has not begun; return it.
 
         Raises
         ------

@@ -240,7 +240,7 @@ REASONING = (
     "cad/surfaces/features.py", "cell/batch/starting.py", "cell/compute/checks",
     "cell/devices/interlocks", "cell/machine/recovery.py", "cell/machine/table.py",
     "cell/operator/desk.py", "cell/operator/latch.py", "cell/services/table/choosing.py",
-    "cell/services/table/labels.py", "page/frame/drawn.py", "results/judged/_cad.py",
+    "cell/services/table/labels.py", "page/frame/drawn.py", "results/judged/cad.py",
     # for and against going on after a crash
     "cell/custody", "cell/recovery", "cell/actions/recover.py",
     # why there is no grasp, no path, no plan

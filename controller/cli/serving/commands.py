@@ -113,7 +113,7 @@ def account(
     remove: Annotated[bool, typer.Option("--remove", help="remove the account")] = False,
     json: JsonOption = False,
 ) -> None:
-    """List, add, change or remove accounts: persons at the page, and plant systems."""
+    """List, add, change or remove accounts of people and plants."""
     with loading():
         from .people import change_accounts
 

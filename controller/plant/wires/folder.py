@@ -81,7 +81,13 @@ class Folder:
         await asyncio.Event().wait()
 
     async def deliver(self, notice: Notice) -> None:
-        """Write the files of a result; return once they are on the disk. Alarms have no file."""
+        """Write the files of a result; return once they are on the disk. Alarms have no file.
+
+        Raises
+        ------
+        RejectedError : the result cannot be written as such a file
+        FolderError : the folder cannot be written now
+        """
         if not isinstance(notice, PartResult):
             return
         await self._has_plant.wait()

@@ -85,7 +85,12 @@ class Rest:
         self._one_at_a_time = asyncio.Semaphore(1)
 
     async def serve(self, plant: Plant) -> None:
-        """Serve until cancelled."""
+        """Serve until cancelled.
+
+        Raises
+        ------
+        PlantError : the address cannot be listened at, or the certificate cannot be read
+        """
         host, port = self._serving.host, self._serving.port
         try:
             config = config_of(self.app(plant), self._serving)

@@ -76,7 +76,13 @@ class Webhook:
         await asyncio.Event().wait()
 
     async def deliver(self, notice: Notice) -> None:
-        """Send a notice; return once the server has answered with 2xx."""
+        """Send a notice; return once the server has answered with 2xx.
+
+        Raises
+        ------
+        RejectedError : the server will never take it
+        WebhookError : it is not there, or has not confirmed it
+        """
         body = notice.model_dump_json(by_alias=True).encode()
         status, reason = await asyncio.to_thread(self._post, notice.key, body)
         if 200 <= status < 300:
