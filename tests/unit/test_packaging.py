@@ -29,6 +29,7 @@ DOCKERFILE = PACKAGING / "docker" / "Dockerfile"
 COMPOSE = PACKAGING / "docker" / "compose.yaml"
 INIT = PACKAGING / "docker" / "init"
 UNIT = PACKAGING / "systemd" / "cellctl-page.service"
+UNITS = [UNIT, PACKAGING / "systemd" / "cellctl-connect.service"]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 VERSION = PROJECT["version"]
 RELEASED = {f"cellctl-{VERSION}-py3-none-any.whl", f"constraints-{VERSION}.txt"}
@@ -227,8 +228,9 @@ def test_the_unit_serves_the_page_and_nothing_starts_a_run() -> None:
         assert not re.search(r"^Exec\w+=.*cellctl (run|recover)\b", unit.read_text(), re.MULTILINE)
 
 
-def test_the_unit_writes_to_the_cells_folder_alone() -> None:
-    settings = service(UNIT.read_text())
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.stem)
+def test_a_unit_writes_to_the_cells_folder_alone(unit: Path) -> None:
+    settings = service(unit.read_text())
     assert settings["ProtectSystem"] == ["strict"]
     assert settings["NoNewPrivileges"] == ["yes"]
     (writable,) = settings["ReadWritePaths"]
@@ -238,8 +240,9 @@ def test_the_unit_writes_to_the_cells_folder_alone() -> None:
         assert Path(path).is_relative_to(writable)
 
 
-def test_a_restart_of_the_page_leaves_a_run_and_its_control_socket() -> None:
-    settings = service(UNIT.read_text())
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.stem)
+def test_a_restart_of_a_unit_leaves_a_run_and_its_control_socket(unit: Path) -> None:
+    settings = service(unit.read_text())
     assert settings["KillMode"] == ["process"]
     assert settings["RuntimeDirectoryPreserve"] == ["yes"]
     (runtime,) = settings["RuntimeDirectory"]
@@ -261,8 +264,9 @@ def analyze(folder: Path, text: str, *words: str) -> subprocess.CompletedProcess
 
 
 @needs_systemd
-def test_systemd_reads_the_unit_without_a_remark(tmp_path: Path) -> None:
-    done = analyze(tmp_path, UNIT.read_text(), "verify", "--man=no")
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.stem)
+def test_systemd_reads_a_unit_without_a_remark(tmp_path: Path, unit: Path) -> None:
+    done = analyze(tmp_path, unit.read_text(), "verify", "--man=no")
     remarks = [line for line in done.stderr.splitlines() if UNIT.name in line]
     assert (done.returncode, remarks) == (0, [])
 
@@ -275,9 +279,10 @@ def test_systemd_would_remark_a_key_that_it_does_not_know(tmp_path: Path) -> Non
 
 
 @needs_systemd
-def test_the_unit_is_closed_as_far_as_its_devices_let_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.stem)
+def test_a_unit_is_closed_as_far_as_its_devices_let_it(tmp_path: Path, unit: Path) -> None:
     # in tenths: below 5.0 systemd calls a unit OK; devices and the network keep it from 0
     done = analyze(
-        tmp_path, UNIT.read_text(), "security", "--offline=true", "--threshold=49", "--no-pager"
+        tmp_path, unit.read_text(), "security", "--offline=true", "--threshold=49", "--no-pager"
     )
     assert done.returncode == 0, done.stdout[-200:]

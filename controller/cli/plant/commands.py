@@ -71,7 +71,7 @@ def deliveries(
     ] = "",
     json: JsonOption = False,
 ) -> None:
-    """Show how far each plant system has the results, and what it refused."""
+    """Show which results each plant system has, or has refused."""
     with loading():
         from .connecting import show_deliveries
 
