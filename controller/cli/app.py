@@ -13,7 +13,7 @@ from .acting import abort, ack, answer, pause, resume, status, step, stop, watch
 from .calibrating import camera
 from .commissioning import commission, jog, print_target, teach
 from .devices import doctor, emulate
-from .history import backup, history, review
+from .history import backup, history, rejudge, review
 from .inspecting import inspect, replay, verify
 from .learning import learn
 from .parts import compile_
@@ -120,6 +120,11 @@ _SECTIONS = {
     "History": (
         (history, "cellctl history --recipe holder --verdict fail --since 2026-03-01"),
         (review, 'cellctl review SN-0042 --verdict accept --why "a reflection"'),
+        (
+            rejudge,
+            "cellctl rejudge --recipe stricter.yaml --since 2026-03-01 -o turned.csv",
+            "cellctl rejudge --recipe holder --jobs tcp://192.168.1.5:8786",
+        ),
         (
             stats,
             "cellctl stats featuretype --report featuretype.html",

@@ -37,6 +37,7 @@ from .tables import (
     MEASUREMENTS,
     OF_PART,
     PARTS,
+    REJUDGED,
     RUNS,
 )
 
@@ -229,6 +230,7 @@ def _forget_gone(store: Store, source: _Source) -> None:
             )
             gone = [int(key) for key, number in ids.all() if (run, number) not in parts]
             _delete_parts(db, gone)
+            db.execute(delete(REJUDGED).where(REJUDGED.c.part_id.in_(gone)))
             if run not in runs:
                 db.execute(delete(ALARMS).where(ALARMS.c.run_no == run_no))
                 db.execute(delete(RUNS).where(RUNS.c.run_no == run_no))

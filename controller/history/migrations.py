@@ -18,6 +18,7 @@ from .tables import (
     JOURNALS,
     PARTS,
     RECOVERIES,
+    REJUDGED,
     REVIEWS,
     RUNS,
     STEPS,
@@ -72,6 +73,11 @@ def _with_cells(db: Connection) -> None:
     db.execute(text(f"ALTER TABLE {new.name} RENAME TO {RUNS.name}"))
 
 
+def _with_rejudged(db: Connection) -> None:
+    """Add what was judged anew; there is none yet."""
+    REJUDGED.create(db, checkfirst=True)
+
+
 def _add(db: Connection, *columns: Column[Any]) -> None:
     """Add columns, the indexes that have all theirs, and have the journals read once more."""
     for column in columns:
@@ -93,6 +99,7 @@ MIGRATIONS: Final[tuple[Callable[[Connection], None], ...]] = (
     _with_followed,
     _with_orders,
     _with_cells,
+    _with_rejudged,
 )
 SCHEMA_VERSION: Final = 1 + len(MIGRATIONS)
 

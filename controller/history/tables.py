@@ -216,4 +216,19 @@ ALARMS: Final = Table(
     Column("device", Text, nullable=False),
     sqlite_with_rowid=False,
 )
+# Judged anew by another recipe or another cellctl; since version 7. Not of the journal, so filling
+# the store leaves it alone, and no foreign key binds it to a row that filling replaces.
+REJUDGED: Final = Table(
+    "rejudged",
+    METADATA,
+    Column("part_id", BigInteger, primary_key=True, autoincrement=False),
+    Column("recipe_sha256", String(64), primary_key=True),
+    Column("learned_sha256", String(64), primary_key=True),  # empty for none
+    Column("software", String(80), primary_key=True),
+    Column("verdict", Text, nullable=False),
+    Column("reasons", Text, nullable=False),  # JSON
+    Column("characteristics", Text, nullable=False),  # JSON, as in the journal
+    Column("lines_sha256", String(64), nullable=False),
+    Column("seconds", Double, nullable=False),
+)
 OF_PART: Final = (MEASUREMENTS, FINDINGS, FINDING_FACES, STEPS, RECOVERIES, REVIEWS)

@@ -91,7 +91,32 @@ def judging_of(
     if recipe_path is None:
         return Judging(file.recipe, set_path, set_path, learned or file.learned)
     path = find_recipe(recipe_path)
-    recipe = load_recipe(path)
+    return judging_by(set_path, file, load_recipe(path), path, learned, warn)
+
+
+def judging_by(
+    set_path: Path,
+    file: ViewSetFile,
+    recipe: Recipe,
+    path: Path,
+    learned: Path | None = None,
+    warn: Callable[[str], None] = lambda _: None,
+) -> Judging:
+    """Return the basis that a set is judged on by a recipe that was read.
+
+    Parameters
+    ----------
+    set_path : the set
+    file : its content
+    recipe : the recipe
+    path : its file, for messages
+    learned : file of what good parts look like; None for the recipe's
+    warn : gets a sentence where the recipe's CAD file is another one than the set's
+
+    Raises
+    ------
+    ConfigError : the recipe is for another part, or a CAD file cannot be read
+    """
     if part_name(recipe.part) != part_name(file.part):
         raise ConfigError(
             f"{path}: `part`: the recipe is for {part_name(recipe.part)}, the set shows "

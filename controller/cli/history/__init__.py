@@ -1,5 +1,5 @@
-"""`cellctl history`, `review` and `backup`: all parts the cell inspected, and their reviews."""
+"""`cellctl history`, `review`, `rejudge`, `backup`: parts the cell inspected, reviews of them."""
 
-from .commands import backup, history, review
+from .commands import backup, history, rejudge, review
 
-__all__ = ["backup", "history", "review"]
+__all__ = ["backup", "history", "rejudge", "review"]

@@ -1,4 +1,4 @@
-"""Arguments and help of `cellctl history`, `review` and `backup`."""
+"""Arguments and help of `cellctl history`, `review`, `rejudge` and `backup`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,7 +7,7 @@ import typer
 
 from controller.loading import loading
 
-from ..options import JsonOption, RunsOption, StoreOption
+from ..options import JobsOption, JsonOption, RunsOption, StoreOption
 
 # Which parts are listed, and how many.
 OfRecipe = Annotated[str, typer.Option(metavar="NAME", help="parts of this recipe")]
@@ -231,6 +231,40 @@ def review(
     )
     decided = ReviewOptions(part, verdict, why, who, tuple(finding or ()), output, open_, all_)
     raise typer.Exit(review_parts(decided, asked, limit, runs, store, as_json=json))
+
+
+def rejudge(
+    recipe: Annotated[
+        Path,
+        typer.Option(
+            "--recipe",
+            metavar="RECIPE",
+            help="recipe to judge by (YAML, or a name as in `run`); judges the parts of its name",
+        ),
+    ],
+    since: Since = None,
+    until: Until = None,
+    lot: OfLot = "",
+    jobs: JobsOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="table of all parts to write (.csv)"),
+    ] = None,
+    store: StoreOption = None,
+    runs: RunsOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Judge the archive anew by another recipe and list the parts that turned.
+
+    Judges stored pictures, which must be those of the journal. Results go into the store alone; an
+    interrupted command goes on where it stopped.
+    """
+    with loading():
+        from .rejudging import rejudge_archive
+
+    raise typer.Exit(
+        rejudge_archive(recipe, since, until, lot, jobs, output, runs, store, as_json=json)
+    )
 
 
 def backup(

@@ -8,6 +8,7 @@ import os
 from collections.abc import Sequence
 
 from controller.cad import CadError
+from controller.catalogue import PoolLostError
 from controller.cell.devices.emulator import EmulatorError
 from controller.cell.errors import CellError
 from controller.cell.journal import JournalError
@@ -26,6 +27,7 @@ SAID_NO = (
     EmulatorError,
     JournalError,
     NoPlanError,
+    PoolLostError,
     ResultsError,
 )
 
