@@ -33,7 +33,7 @@ from packaging.markers import Marker
 ROOT = Path(__file__).resolve().parents[1]
 CONSTRAINTS = ROOT / "packaging" / "constraints.txt"
 # what a cell may have installed; the extras `test` and `dev` are for checkouts, `dask` for farms
-EXTRAS = ("page", "parquet", "postgres", "step")
+EXTRAS = ("codes", "page", "parquet", "postgres", "step")
 
 
 class ReleaseError(Exception):

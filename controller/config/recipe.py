@@ -12,6 +12,7 @@ from .faults import FaultsSection
 from .file_kinds import is_cell_file
 from .files import reason_of
 from .grippers import Friction
+from .serial_code import SerialCodeSection
 from .shipped import EMULATED_CELL
 from .yaml_models import Section, load_with_lines
 
@@ -135,6 +136,7 @@ class Recipe(Section):
     faults : overrides of the cell's fault policy, class by class
     papers : numbers that reports name the part by
     count : parts to inspect, where the command line names no number
+    serial_code : code that has the part's serial number; the cell's cameras read it
     """
 
     name: Annotated[str, AfterValidator(_fit_for_a_folder)]
@@ -153,6 +155,7 @@ class Recipe(Section):
     faults: FaultsSection | None = None
     papers: PapersSection | None = None
     count: Annotated[int, Field(ge=1, le=100_000)] = 1
+    serial_code: SerialCodeSection | None = None
 
     @model_validator(mode="before")
     @classmethod

@@ -19,7 +19,8 @@ from controller.cli.inputs.serials import SerialOptions, papers_of
 from controller.config import ConfigError
 
 ANY: Any = SimpleNamespace
-HOLDER, RISER = ANY(number=0), ANY(number=1)
+PLAIN = ANY(serial_code=None)
+HOLDER, RISER = ANY(number=0, recipe=PLAIN), ANY(number=1, recipe=PLAIN)
 LIST = (
     (0, Label("H1", "L1")),
     (1, Label("R1", "L2")),

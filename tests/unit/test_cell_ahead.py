@@ -88,7 +88,7 @@ class Cell:
         self.path = folder / "journal.sqlite"
         self.journal = Journal(self.path, "run")
         self.now, self.ahead = Service(), Service()
-        recipe: Any = ANY(part=Path("plate.stl"), name="plate")
+        recipe: Any = ANY(part=Path("plate.stl"), name="plate", serial_code=None)
         policy: Any = None
         service: Any = self.now
         other: Any = self.ahead if ahead else None

@@ -53,7 +53,7 @@ def choose(
             assert len(seen) == len(sightings)
             return tuple(Pickable(count, 60.0) for count in counts or (1,) * len(seen))
 
-    product = ANY(part_name="plate", compute=Picks(), number=0)
+    product = ANY(part_name="plate", compute=Picks(), number=0, recipe=ANY(serial_code=None))
     record = ANY(
         part=before or PartRecord(number=1), products=(product,), wanted=(product,), product=product
     )
@@ -61,7 +61,7 @@ def choose(
         Taking(record, Labels(LabelOrder(serials)))._choose(sightings_row(sightings).sightings)
     )
     if number is None:
-        action = RecogniseAction(ANY(), ANY(), record)
+        action = RecogniseAction(ANY(), ANY(), record, ANY())
         raise action._nothing_found()
     return sightings[number]
 
@@ -232,7 +232,7 @@ class Batch:
         products = [
             ANY(
                 number=n, part_name=name, count=count, compute=self._asking(name),
-                recipe=ANY(name=f"the {name}"),
+                recipe=ANY(name=f"the {name}", serial_code=None),
             )
             for n, (name, count) in enumerate(counts.items())
         ]  # fmt: skip

@@ -51,6 +51,7 @@ from ..services import (
     Approval,
     Background,
     CameraName,
+    Codes,
     Disambiguation,
     Gate,
     Grippers,
@@ -217,6 +218,7 @@ def assemble(
 
     labels = Labels(numbers, operator)
     taking = Taking(record, labels)
+    codes = Codes(record, compute, background, labels)
     stored_views = StoredViews(record, compute, background, layout, folder)
     resumption = Resumption(record, motion, stored_views, labels)
 
@@ -230,11 +232,19 @@ def assemble(
             resumption, motion, grippers, record, gripper, compute, layout
         ),
         Effect.ACQUIRE: AcquireAction(imaging, gate, record, labels),
-        Effect.RECOGNISE: RecogniseAction(compute, taking, record),
+        Effect.RECOGNISE: RecogniseAction(compute, taking, record, codes),
         Effect.PLAN: PlanAction(compute, preparation, taking, views, held_pose, motion, record),
         Effect.GRASP: GraspAction(steps, motion, grippers, views, record, taking, layout),
         Effect.PRESENT: PresentAction(
-            steps, motion, gate, grippers, imaging, views, Disambiguation(compute, record), record
+            steps,
+            motion,
+            gate,
+            grippers,
+            imaging,
+            views,
+            Disambiguation(compute, record),
+            codes,
+            record,
         ),
         Effect.INSPECT: InspectAction(
             compute,
@@ -246,6 +256,7 @@ def assemble(
             record,
             recoveries,
             part_file,
+            codes,
         ),
         Effect.HAND_OFF: HandOffAction(steps, motion, grippers, record, layout),
         Effect.SET_DOWN: SetDownAction(steps, motion, grippers, record),

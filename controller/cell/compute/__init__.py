@@ -5,7 +5,7 @@ has a worker's data for a job, and `held_search.py` finds a part that slipped in
 `one_task.py` holds optional work. `checking.py` checks a recipe in a cell from files alone.
 """
 
-from .answers import Holder, Located, Pickable
+from .answers import Holder, Located, Pickable, SeenCode
 from .job import (
     MAX_RECIPE_COUNT,
     Context,
@@ -29,6 +29,7 @@ __all__ = [
     "OneTask",
     "PartCompute",
     "Pickable",
+    "SeenCode",
     "begin",
     "context",
     "glowing_mask",

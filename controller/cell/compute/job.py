@@ -20,8 +20,9 @@ from controller.cad.compiled import (
     options_among,
     part_name,
 )
-from controller.config import Cell, Recipe, load_cell, load_recipe
+from controller.config import Cell, ConfigError, Recipe, load_cell, load_recipe
 from controller.imaging import Camera
+from controller.imaging.codes import can_read_codes
 from controller.planning.model import CellLayout
 from controller.recognition.stored import open_library
 from controller.setup.faces import faces_left_out
@@ -109,6 +110,11 @@ def context(job: Job) -> Context:
     """
     recipe = load_recipe(job.recipe_path)
     cell = load_cell(job.cell_path)
+    if recipe.serial_code is not None and not can_read_codes():
+        raise ConfigError(
+            f"{job.recipe_path}: `serial_code`: zxing-cpp is not installed: pip install "
+            "'cellctl[codes]'"
+        )
     own, *_ = part_files(recipe)
     part = load_part(*own)
     if (learned := recipe.inspection.learned) is not None:

@@ -72,6 +72,7 @@ class Compute:
 
     prepare = ComputeCall(answers.prepare)
     recognise = ComputeCall(answers.recognise)
+    read_codes = ComputeCall(answers.read_codes)
     plan = ComputeCall(answers.plan)
     pickable = ComputeCall(answers.pickable)
     unseen_turns = ComputeCall(answers.unseen_turns)

@@ -4,6 +4,7 @@ An action gets its services in its constructor and uses their public names only.
 on the next step; actions and the table do.
 """
 
+from .codes import Codes
 from .faults import Recoveries, Retries, fault_policy, faults_section
 from .gate import Approval, Gate, Mover, NextMotion, Permit, Permits
 from .going_on import Resumption, Standstill, hold_of, park_interrupted, verdict_of
@@ -29,6 +30,7 @@ __all__ = [
     "Approval",
     "Background",
     "CameraName",
+    "Codes",
     "Disambiguation",
     "Gate",
     "Grippers",

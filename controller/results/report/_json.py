@@ -19,7 +19,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `ordered`, `parts[]` | how many parts were ordered; what became of those begun |
 | `parts[].verdict` | `pass`, `fail`, `indeterminate` or null; with `reasons`, `covered_fraction` (of all surface, compared with the CAD), `covered_U` (its expanded uncertainty, k = 2, or null), `in_sight_fraction` (in sight, compared or not), `claim` (what was looked for on the compared surface), `found` (by kind of defect what would have been found with 90 %, docs/operating/verdicts.md), `tray`, `nest` (from 1, or null), `custody`, `unconfirmed` (null, or what was begun and never confirmed), `interrupted_run` (null, or the run that the part was taken over from) |
 | `parts[].papers` | part, drawing, revision, order and gauge number by key, those that are known |
-| `parts[].recipe`, `serial`, `lot`, `left_on_table[]` | name of its recipe; its number and lot, or null; parts that could not be taken as they lay, before this one was |
+| `parts[].recipe`, `serial`, `serial_picture`, `lot`, `left_on_table[]` | name of its recipe; its number, the picture that a camera read it in, and its lot, or null; parts that could not be taken as they lay, before this one was |
 | `parts[].awaits_review`, `parts[].reviews[]` | whether a person has to decide and none has; persons' verdicts, oldest first, of which the last counts: `at`, `verdict` (accept, reject), `who`, `why`, `machine` (the verdict they had before them), `findings` (by number: real, false_alarm) |
 | `parts[].faces[]` | `face`, `label`, `area_mm2`, `area_fraction` (they add up to 1), `seen_fraction` (compared with the CAD), `by_check` (the same by check), `rest` (not compared, by reason), `verdict`, `views`, `reason` |
 | `parts[].characteristics[]` | as in ``cellctl.result``: `balloon`, `id`, `measured`, `U`, `verdict` and more |
@@ -119,6 +119,7 @@ def _part(record: RunRecord, part: PartReport, pictures: RunPictures) -> dict[st
         "part": part.number,
         "recipe": str(record.recipe_of(part).recipe.get("name", "unknown")),
         "serial": serial or None,
+        "serial_picture": part.serial_picture or None,
         "lot": lot or None,
         "papers": dict(record.papers_of(part)),
         "verdict": verdict.verdict if verdict else None,

@@ -51,7 +51,8 @@ def row_words(entry: LogEntry) -> str:
             return f"{row.reason}; {row.action}"
         case rows.PartIdentified() as row:
             number = f", serial number {row.serial}" if row.serial else ""
-            return f"the part is one of recipe {row.name}{number}"
+            read = f"; its code in {row.code.picture} reads {row.code.text}" if row.code else ""
+            return f"the part is one of recipe {row.name}{number}{read}"
         case rows.PartLeft() as row:
             return f"{row.part} at x {row.x_mm:.0f}, y {row.y_mm:.0f} mm is left: {row.reason}"
         case rows.PartJudged() as row:

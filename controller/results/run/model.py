@@ -253,6 +253,14 @@ class PartReport:
         return self.reviews[-1] if self.reviews else None
 
     @property
+    def serial_picture(self) -> str:
+        """The picture in which a camera read its serial number; empty for another source."""
+        known = self.identified
+        if known is None or known.code is None or known.code.number != known.serial:
+            return ""
+        return known.code.picture
+
+    @property
     def awaits_review(self) -> bool:
         """Whether a person has to decide, and none has yet."""
         is_open = self.verdict is not None and self.verdict.verdict == "indeterminate"

@@ -10,6 +10,7 @@ from controller.cell.errors import PartFaultError
 from controller.cell.journal.rows import PartInspected
 from controller.cell.machine import VIEW, WORTH_SHARE, Act, Event, PartFault
 from controller.cell.services import (
+    Codes,
     HeldPose,
     JudgingAhead,
     Motion,
@@ -57,6 +58,8 @@ class InspectAction:
     steps, views, held_pose, ahead, motion, record : services
     recoveries : recovery actions for a part of which too little was visible
     part_file : writes the views that the part is judged from
+    codes : read while the views were taken; a part that must have a number and has none is not
+        accepted
     """
 
     compute: Compute
@@ -68,6 +71,7 @@ class InspectAction:
     record: BatchRecord
     recoveries: Recoveries
     part_file: PartFileWriter
+    codes: Codes
 
     async def run(self) -> Event:
         """Learn the part's pose from the views; return the plan's next event, or that all is seen.
@@ -82,8 +86,7 @@ class InspectAction:
         await self._learn()
         self.views.take_ready()
         if await self._has_failed():
-            assert self.record.part.verdict is not None
-            self.record.note(verdict_row(self.record.part.verdict))
+            await self._conclude()
             return Event.ALL_SEEN
         if self.steps.next(Present) is not None:
             return Event.INSPECTED
@@ -103,10 +106,18 @@ class InspectAction:
             finally:
                 judging.cancel()
         if part.parked is not None:
-            part.verdict = _parked_verdict(part.verdict, part.parked.reason)
-        assert part.verdict is not None
-        self.record.note(verdict_row(part.verdict))
+            part.verdict = _kept_back(part.verdict, f"parked: {part.parked.reason}")
+        await self._conclude()
         return Event.ALL_SEEN
+
+    async def _conclude(self) -> None:
+        """Journal the verdict; a part that is not identified is not accepted."""
+        part = self.record.part
+        assert part.verdict is not None
+        reason = "" if part.parked is not None else await self.codes.settle()
+        if reason:
+            part.verdict = _kept_back(part.verdict, reason)
+        self.record.note(verdict_row(part.verdict))
 
     async def _learn(self) -> None:
         while (learned := await self.views.learn_next()) is not None:
@@ -189,6 +200,7 @@ class InspectAction:
     async def _judged(self) -> tuple[WrittenViews, PartInspection]:
         """Return the file of the part's views so far, and the judgement by them."""
         part, record = self.record.part, self.record
+        await self.codes.collect()  # where the code is, the pictures are not compared
         stored = await asyncio.to_thread(self.part_file.write, part, record.product)
         return stored, await self.compute.judge(self.part_file.folder / stored.file)
 
@@ -240,10 +252,9 @@ class InspectAction:
         part.above_tray = AboveTray(tray, started_s)
 
 
-def _parked_verdict(judged: PartVerdict | None, reason: str) -> PartVerdict:
-    """Return the verdict on a parked part: a person decides, but a failure stays a failure."""
-    parked = f"parked: {reason}"
+def _kept_back(judged: PartVerdict | None, reason: str) -> PartVerdict:
+    """Return the verdict on a part that a person decides on; but a failure stays a failure."""
     if judged is None:
-        return PartVerdict(Verdict.INDETERMINATE, (parked,), (), 0.0, ())
+        return PartVerdict(Verdict.INDETERMINATE, (reason,), (), 0.0, ())
     verdict = Verdict.FAIL if judged.verdict is Verdict.FAIL else Verdict.INDETERMINATE
-    return replace(judged, verdict=verdict, reasons=(parked, *judged.reasons))
+    return replace(judged, verdict=verdict, reasons=(reason, *judged.reasons))

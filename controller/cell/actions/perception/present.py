@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from controller.cell.devices.lamps import STATION_LAMPS, STATION_PANEL
 from controller.cell.machine import VIEW, Event, SafePoint
 from controller.cell.services import (
+    Codes,
     Disambiguation,
     Gate,
     Grippers,
@@ -26,6 +27,7 @@ class PresentAction:
     Attributes
     ----------
     steps, motion, gate, grippers, imaging, views, record : services
+    codes : reads the serial number off the part, where a code has it
     disambiguation : service that decides between the hypotheses by the view planned for it
     """
 
@@ -36,6 +38,7 @@ class PresentAction:
     imaging: Imaging
     views: Views
     disambiguation: Disambiguation
+    codes: Codes
     record: BatchRecord
 
     async def run(self) -> Event:
@@ -96,7 +99,7 @@ class PresentAction:
         self.views.record_pictures(step, files, q)
         if step.ambiguity is not None:
             await self.disambiguation.resolve(step.ambiguity, hold, q, backlit, tuple(lit.values()))
-        self.views.judge_held(view, hold, q, backlit, lit)
+        self.codes.read_in_view(self.views.judge_held(view, hold, q, backlit, lit), lit)
         return view
 
 

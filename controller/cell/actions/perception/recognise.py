@@ -9,6 +9,7 @@ from controller.cell.custody import Custody
 from controller.cell.devices.lamps import TABLE_LAMPS, TABLE_PANEL
 from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.machine import Event, PartFault
+from controller.cell.services import Codes
 from controller.cell.services.records import BatchRecord
 from controller.cell.services.table import Taking
 
@@ -22,11 +23,13 @@ class RecogniseAction:
     compute : recognises, in the worker process
     taking : service that chooses the object to take
     record : record of the batch; gets what was recognised
+    codes : reads the serial number off the part taken, where a code has it
     """
 
     compute: Compute
     taking: Taking
     record: BatchRecord
+    codes: Codes
 
     async def run(self) -> Event:
         """Recognise the objects in the pictures of the table; return ``PART_RECOGNISED``.
@@ -34,7 +37,8 @@ class RecogniseAction:
         Raises
         ------
         PartFaultError : the part was lost, and nothing else than before is on the table
-        PartProblemError : nothing is there, or nothing that can be taken for the part
+        PartProblemError : nothing is there, or nothing that can be taken for the part, or nobody
+            reads the number that its code does not tell
         """
         self.record.show("recognising")
         part = self.record.part
@@ -45,6 +49,7 @@ class RecogniseAction:
         if part.custody is not Custody.ON_TABLE:
             part.hold = None
             await self.record.set_custody(Custody.ON_TABLE, "found again")
+        await self.codes.read_on_table(lit)
         s = part.sighting
         assert s is not None
         beside = f"; {len(part.neighbours)} others are left alone" if part.neighbours else ""

@@ -28,6 +28,7 @@ from ._body import (
 )
 from ._decisions import (
     AmbiguityResolved,
+    CodeFields,
     ConfirmedFinding,
     DetectionFields,
     DeviceRetried,
@@ -144,6 +145,7 @@ __all__ = [
     "CellEvent",
     "CharacteristicFields",
     "CheckMade",
+    "CodeFields",
     "ConfirmedFinding",
     "Connected",
     "CustodyChanged",

@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from ._body import Body, Fields
+from ._body import Body, Fields, Matrix
 
 
 class FirstMotion(Body):
@@ -184,11 +184,24 @@ def has_record(
     return resumed is None or is_custody_known
 
 
+class CodeFields(Fields):
+    """The code of a part as a camera read it: all it says, its number, and the picture.
+
+    `corners_mm` are the symbol's, in turn, in the part frame; empty beside the part.
+    """
+
+    text: str
+    number: str
+    picture: str
+    corners_mm: Matrix = ()
+
+
 class PartIdentified(Body):
     """The current part belongs to one of the run's recipes, and has this number, if any.
 
     `recipe` counts from 0 in the order of the run's recipes, `name` is that recipe's. From here on
-    all rows of the part are of that recipe; a later row of this name replaces this one.
+    all rows of the part are of that recipe; a later row of this name replaces this one. `code` is
+    what a camera of the cell read; the number is its own unless the papers give another one.
     """
 
     kind = "decision"
@@ -197,6 +210,7 @@ class PartIdentified(Body):
     name: str
     serial: str = ""
     lot: str = ""
+    code: CodeFields | None = None
 
 
 def label_of(

@@ -145,9 +145,33 @@ class BatchRecord:
         if (part.product, part.serial, part.lot) == (product, serial, lot):
             return
         part.product, part.serial, part.lot = product, serial, lot
+        self._note_identity(product)
+
+    def note_code(
+        self, product: BatchProduct, code: rows.CodeFields, label: tuple[str, str]
+    ) -> None:
+        """Journal the code that was read of the current part, with its serial number and lot.
+
+        Parameters
+        ----------
+        product : product it belongs to
+        code : what a camera read
+        label : serial number and lot of the part from now on
+        """
+        self.part.code = code
+        self.part.serial, self.part.lot = label
+        self._note_identity(product)
+
+    def _note_identity(self, product: BatchProduct) -> None:
+        part = self.part
+        more = {} if part.code is None else {"code": part.code}
         self.note(
             rows.PartIdentified(
-                recipe=product.number, name=product.recipe.name, serial=serial, lot=lot
+                recipe=product.number,
+                name=product.recipe.name,
+                serial=part.serial,
+                lot=part.lot,
+                **more,
             )
         )
 

@@ -10,7 +10,7 @@ from controller import inspection as inspecting
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cell.compute import Located
 from controller.cell.custody import Custody
-from controller.cell.journal.rows import SightingFields
+from controller.cell.journal.rows import CodeFields, SightingFields
 from controller.cell.machine import Recovery
 from controller.planning import FaceToShowAgain, Grasp, Look, Plan, Present
 from controller.recognition import Alternative, Sighting
@@ -93,6 +93,11 @@ class PartRecord:
     product : product of the batch it belongs to; None until it was recognised
     serial, lot : empty if it has none
     scanned : serial number that was read off it before it was looked at
+    code : code on it, or beside it, that a camera has read; None before
+    code_problem : reason why the codes that were read cannot name it; empty without one
+    other_codes : what other codes say, and why they do not name it
+    codes_sought : number of pictures in which its code was sought
+    reading : views whose pictures are searched for its code
     pictures, picture_names : pictures and picture names of the last look at the table
     look_count : number of looks at the table
     seen : all sightings of the last look
@@ -125,6 +130,11 @@ class PartRecord:
     serial: str = ""
     lot: str = ""
     scanned: str = ""
+    code: CodeFields | None = None
+    code_problem: str = ""
+    other_codes: list[str] = field(default_factory=list)
+    codes_sought: int = 0
+    reading: list[asyncio.Task[None]] = field(default_factory=list)
     custody: Custody = Custody.ON_TABLE
     pictures: dict[str, Grey] = field(default_factory=dict)
     picture_names: dict[str, str] = field(default_factory=dict)
@@ -165,6 +175,12 @@ class PartRecord:
         view from another grasp may: see `short`.
         """
         return merged([result.in_sight for result in self.results if result.evaluated])
+
+    @property
+    def codes_mm(self) -> tuple[FloatArray, ...]:
+        """The corners (4, 3) of the codes known to be on it, in the part frame."""
+        on_part = self.code is not None and len(self.code.corners_mm) > 0
+        return (np.array(self.code.corners_mm),) if on_part and self.code else ()
 
     @property
     def shown(self) -> tuple[Shown, ...]:

@@ -1,8 +1,8 @@
 """The serial number and lot of a part: given in advance, counted, listed, or read off it.
 
-No picture shows the number of a part. A number known in advance belongs to the next part of its
-recipe, a number read to the latest part: then no other part of the batch that could have it may be
-on the table.
+A number known in advance belongs to the next part of its recipe, one that a person reads to the
+latest part: then no other part of the batch that could have it may be on the table. Where a recipe
+has a `serial_code`, and nothing else names the numbers, cameras read it (`services/codes.py`).
 """
 
 from collections.abc import Iterable
@@ -120,16 +120,59 @@ class Labels:
             raise PartProblemError("no_serial", "nobody read the serial number of the next part")
         part.scanned = answer.key
 
-    def why_not(self, text: str) -> str:
-        """Return the reason why a text is not the next part's number; empty if it may be."""
+    def is_coded(self, product: BatchProduct) -> bool:
+        """Return whether cameras read the numbers of a product's parts off their codes."""
+        order = self.order
+        is_named = bool(order.in_order or order.counted_from or order.is_read)
+        return product.recipe.serial_code is not None and not is_named
+
+    async def ask(self, question: str, product: BatchProduct) -> str | None:
+        """Return a product's part's number as a person reads it; None if nobody is there.
+
+        Parameters
+        ----------
+        question : what could not be read, and of which part
+        product : product it belongs to
+        """
+
+        def why_not(text: str) -> str:
+            return self.why_not(text, product)
+
+        asked = Question(SCAN, question, (), entry="serial number", check=why_not)
+        answer = await self.operator.decide(asked)
+        return None if answer is None else answer.key
+
+    def why_not(self, text: str, product: BatchProduct | None = None) -> str:
+        """Return the reason why a text is not the next part's number; empty if it may be.
+
+        Parameters
+        ----------
+        text : the text
+        product : product that the part belongs to; None if unknown
+        """
         if why := why_no_serial(text):
             return why
         if text in self.used:
             return f"{text}: a part of this run has this number already"
-        known = {label.serial for _, label in self.order.listed}
+        known = {label.serial: number for number, label in self.order.listed if label.serial}
         if known and text not in known:
             return f"{text}: the list of parts has no such number"
+        if known and product is not None and known[text] != product.number:
+            return f"{text}: the list of parts has this number for another recipe"
         return ""
+
+    def take_read(self, serial: str, product: BatchProduct) -> Label:
+        """Return the label of a part whose number was read after it was recognised; it is used up.
+
+        Parameters
+        ----------
+        serial : number, which `why_not` has no reason against
+        product : product it belongs to
+        """
+        own = [label for number, label in self.order.listed if number == product.number]
+        listed = next((one for one in own if one.serial == serial), None)
+        self.used.add(serial)
+        return replace(listed or next(iter(own), Label()), serial=serial)
 
     def recipe_of(self, serial: str) -> int | None:
         """Return the number of the recipe that a list has for a serial number; None without."""
@@ -143,7 +186,7 @@ class Labels:
         part : the part at hand
         product : product that it may belong to
         """
-        if self.order.is_read or self.order.counted_from:
+        if self.order.is_read or self.order.counted_from or self.is_coded(product):
             return None
         label = self._in_order(part) if self.order.in_order else self._next_listed(product)
         return label if label.serial else None
@@ -186,6 +229,8 @@ class Labels:
             return replace(next(listed, Label()), serial=part.scanned)
         if self.order.in_order:
             return self._in_order(part)
+        if self.is_coded(product):
+            return Label()
         if self.order.counted_from:
             if part.serial:  # it was taken for another part before
                 return Label(part.serial, part.lot)

@@ -142,7 +142,7 @@ class Taking:
     def _let_go(self) -> None:
         """Forget which visible object is the current part."""
         part = self.record.part
-        part.sighting, part.neighbours, part.product = None, (), None
+        part.sighting, part.neighbours, part.product, part.code = None, (), None, None
         self.labels.give_back(part)
 
     def look_ahead(self) -> None:

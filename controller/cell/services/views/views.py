@@ -97,8 +97,8 @@ class Views:
 
     def judge_held(
         self, view: str, hold: PartInGripper, q: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
-    ) -> None:
-        """Start judging a view of the held part.
+    ) -> Shown:
+        """Start judging a view of the held part; return it.
 
         Parameters
         ----------
@@ -107,10 +107,12 @@ class Views:
         q : (6,) joints of the arm
         backlit, lit : pictures before the backlight panel, and by lamp
         """
-        self._last_held = judge_held(
+        shown = judge_held(
             self._compute, self._background, self._layout, view, hold, q, backlit, lit
         )
-        self._keep(self._last_held)
+        self._last_held = shown
+        self._keep(shown)
+        return shown
 
     def judge_on_table(self, view: str, step: Look, backlit: Grey, lit: Mapping[str, Grey]) -> None:
         """Start judging pictures of the table as a view of the part at rest on it.
@@ -242,6 +244,9 @@ class Views:
             shown.task.cancel()
             if shown.located is not None:
                 shown.located.cancel()
+        for task in part.reading:
+            task.cancel()
+        part.reading.clear()
         part.pending.clear()
         part.unlearned.clear()
 

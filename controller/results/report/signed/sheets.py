@@ -162,9 +162,10 @@ def _thumbnail(
 def _facts(judged: JudgedPart) -> tuple[tuple[str, str], ...]:
     h, verdict = judged.header, judged.part.verdict
     temperature = h.part_temperature_c
+    read = judged.part.serial_picture
     facts = [
         *((words, h.papers[key]) for key, words in PAPER_WORDS.items() if h.papers.get(key)),
-        ("Serial number", h.serial or NOT_GIVEN),
+        ("Serial number", f"{h.serial}, read in {read}" if read else h.serial or NOT_GIVEN),
         ("Lot", h.lot or NOT_GIVEN),
         ("Operator", h.operator or NOT_GIVEN),
         ("Part (CAD)", _hashed(h.cad, h.cad_sha256)),
