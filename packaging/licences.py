@@ -1,9 +1,9 @@
 """Licences of all that cellctl needs, from the metadata of what is installed.
 
 ``python packaging/licences.py > docs/licences.md``: every package that the program, its extras
-`objects`, `page` and `step`, and its tests need, directly or through another, with its licence and who needs
-it, and the files of others that are kept in the repository. A licence that is not allowed is an
-error; `tests/unit/test_licences.py` holds the page against what is installed.
+`objects`, `page` and `step`, and its tests need, directly or through another, with its licence and
+who needs it, and the files of others that are kept in the repository. A licence that is not allowed
+is an error; `tests/unit/test_licences.py` holds the page against what is installed.
 """
 
 import sys
@@ -29,6 +29,7 @@ SPDX = {
     "Apache 2.0": "Apache-2.0",
     "Apache Software License": "Apache-2.0",
     "BSD": "BSD-3-Clause",
+    "GNU Lesser General Public License v3 or later": "LGPL-3.0-or-later",
     "BSD 3-Clause License": "BSD-3-Clause",
     "BSD License": "BSD-3-Clause",
     "BSD 2-Clause License": "BSD-2-Clause",
@@ -44,6 +45,9 @@ SPDX = {
 READ = {"embreex": "BSD-2-Clause", "atheris": "Apache-2.0", "manifold3d": "Apache-2.0"}
 # each Python needs one of these and has metadata of no other (pyproject.toml)
 BY_PYTHON = {"pybullet": "Zlib", "pybullet-arm64": "Zlib"}
+# Under the LGPL: allowed as it is published, installed as an extra of its own, imported by one
+# package, and never bundled (ADR 126).
+SEPARATE = {"asyncua": ("LGPL-3.0-or-later", "opcua")}
 BUNDLED = {
     "cadquery-ocp-novtk": "OpenCASCADE, LGPL-2.1-only WITH OCCT-exception-1.0",
     "opencv-python-headless": "FFmpeg, LGPL-2.1-or-later, as a library of its own",
@@ -52,6 +56,12 @@ BUNDLED = {
 # Kept in the repository as published: licence, version, where, and what stands in the package.
 KEPT = {
     "three": ("MIT", "0.180.0", "controller/page/frame/static/three", "the page"),
+    "node-opcua-nodesets": (
+        "MIT",
+        "2.182.0",
+        "controller/plant/wires/opcua/nodesets",
+        "OPC UA; each file is under the OPC Foundation MIT License 1.00 in its head",
+    ),
     "axe-core": ("MPL-2.0", "4.14.1", "tests/data/axe", "tests of the page"),
 }
 ROOT = Path(__file__).resolve().parents[1]
@@ -110,6 +120,12 @@ def is_allowed(expression: str) -> bool:
     )
 
 
+def is_allowed_of(name: str, expression: str) -> bool:
+    """Return whether a package may be needed: by its licence, or as one that stands apart."""
+    apart, _ = SEPARATE.get(canonicalize_name(name), (None, None))
+    return is_allowed(expression) or (apart is not None and expression == apart)
+
+
 def needed(extras: tuple[str, ...] = EXTRAS) -> dict[str, set[str]]:
     """Return every package that the project needs, and by whom each is needed."""
     found: dict[str, set[str]] = {}
@@ -156,6 +172,11 @@ def page() -> str:
         "those allowed: " + ", ".join(sorted(ALLOWED)) + ". Tools that only",
         "developers install are checked, too, where they are installed.",
         "",
+        "A package under the LGPL is allowed as it is published, as an extra that is installed on",
+        "its own, imported by one package of ours and bundled nowhere: "
+        + ", ".join(f"{name} ({of}, extra `{extra}`)" for name, (of, extra) in SEPARATE.items())
+        + " (ADR 126).",
+        "",
         "| package | licence | needed by | holds as well |",
         "|---|---|---|---|",
     ]
@@ -164,7 +185,7 @@ def page() -> str:
         if name not in BY_PYTHON and not is_installed(name):
             continue
         licence = BY_PYTHON.get(name) or licence_of(distribution(name))
-        if not is_allowed(licence):
+        if not is_allowed_of(name, licence):
             raise ValueError(f"{name}: {licence} is not allowed")
         by = ", ".join(sorted(parents))
         lines.append(f"| {name} | {licence} | {by} | {BUNDLED.get(name, '')} |")
@@ -195,7 +216,7 @@ def not_allowed() -> dict[str, str]:
         except ValueError as error:
             wrong[package.metadata["Name"]] = str(error)
             continue
-        if not is_allowed(licence):
+        if not is_allowed_of(package.metadata["Name"], licence):
             wrong[package.metadata["Name"]] = licence
     return wrong
 

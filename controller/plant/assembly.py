@@ -80,6 +80,14 @@ def wires_of(connect: ConnectSection, folder: Path) -> list[Wire]:
         from .wires.rest import Rest
 
         wires.append(Rest(connect.rest, folder))
+    if connect.opcua is not None:
+        try:
+            from .wires.opcua import OpcuaWire
+        except ImportError as error:
+            raise PlantError(
+                f"`connect.opcua` needs {error.name}: pip install 'cellctl[opcua]'"
+            ) from error
+        wires.append(OpcuaWire(connect.opcua, folder))
     return wires
 
 

@@ -2,10 +2,12 @@
 
 import re
 import sys
+import tomllib
 from importlib.metadata import distribution, distributions
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
@@ -55,6 +57,23 @@ def test_the_page_lists_the_files_that_are_kept_as_they_are() -> None:
 
 def test_nothing_installed_has_a_licence_that_is_not_allowed() -> None:
     assert licences.not_allowed() == {}
+
+
+def test_a_package_under_the_lgpl_stands_apart_in_an_extra_of_its_own() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    for name, (licence, extra) in licences.SEPARATE.items():
+        assert licence.startswith("LGPL-")
+        assert not licences.is_allowed(licence)
+        assert licences.is_allowed_of(name, licence)
+        assert not licences.is_allowed_of(name, "GPL-3.0-only")
+        assert not licences.is_allowed_of("other", licence)
+        holders = {
+            one
+            for one, needed in extras["optional-dependencies"].items()
+            if any(canonicalize_name(Requirement(text).name) == name for text in needed)
+        }
+        assert holders == {extra}
+        assert all(Requirement(text).name != name for text in extras["dependencies"])
 
 
 @pytest.mark.parametrize(

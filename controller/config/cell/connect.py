@@ -90,6 +90,23 @@ class FolderSection(Section):
         return self
 
 
+class OpcuaSection(Section):
+    """An OPC UA server, built to OPC 40100-1 (Machine Vision).
+
+    Attributes
+    ----------
+    listen : address and port
+    names : further names and addresses by which clients reach it, for its certificate
+    folder : certificates of the server and its clients
+    """
+
+    listen: Listen = "127.0.0.1:4840"
+    names: Annotated[
+        tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9.:-]{1,253}$")], ...], Field(max_length=10)
+    ] = ()
+    folder: Path = Path("connect/opcua")
+
+
 FOLDER_BLANKS = ("order", "recipe", "serial", "lot", "run", "part", "revision")
 
 
@@ -119,6 +136,7 @@ class ConnectSection(Section):
     folder : folders that get a file of each result
     mqtt : a broker that gets each result and the state, and takes orders
     pictures : copies of the runs' pictures, and how long they stay here
+    opcua : an OPC UA server
     """
 
     may_start: Literal["never", "asked", "yes"] = "never"
@@ -127,3 +145,4 @@ class ConnectSection(Section):
     folder: tuple[FolderSection, ...] = Field((), max_length=10)
     mqtt: MqttSection | None = None
     pictures: PicturesSection | None = None
+    opcua: OpcuaSection | None = None
