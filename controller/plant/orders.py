@@ -70,6 +70,7 @@ class OrderBook:
         self._now = now
         self._changes: set[asyncio.Queue[OrderState]] = set()
         self._one_at_a_time = asyncio.Lock()
+        self._has_new = asyncio.Event()
         self.bar = ""
         """Why no order is started now, beside its own state; a wire may set it (a PLC is gone)."""
 
@@ -106,6 +107,7 @@ class OrderBook:
                 cell=self._cell, number=number, state=state, reason=reason, request=request,
                 source=source[:200], taken=now, changed=now, quantity=request.count,
             )  # fmt: skip
+            self._has_new.set()
             return await self._keep(found)
 
     async def _first_word(self, request: OrderRequest) -> tuple[OrderWord, str]:
@@ -160,7 +162,10 @@ class OrderBook:
         while True:
             with suppress(JournalError, OSError):  # asked again at once; the state tells of it
                 await self.step()
-            await asyncio.sleep(POLL_WALL_S)
+            self._has_new.clear()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(POLL_WALL_S):
+                    await self._has_new.wait()
 
     async def step(self) -> None:
         """Look at each order once: follow those that run, start the next one that may."""

@@ -119,7 +119,7 @@ def ack(
 
     It bars the next start, or holds the run, until then.
     """
-    from ..inputs.part_files import cell_of_this_folder
+    from ..inputs.cell_files import cell_of_this_folder
     from .acknowledgement import acknowledge_stop
 
     raise typer.Exit(acknowledge_stop(cell or cell_of_this_folder(), runs, who, why, as_json=json))

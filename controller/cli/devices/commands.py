@@ -61,7 +61,7 @@ def doctor(
     a driver (docs/drivers.md).
     """
     with loading():
-        from ..inputs.part_files import cell_of_this_folder
+        from ..inputs.cell_files import cell_of_this_folder
         from .doctor_checks import Looking, examine
 
     looking = Looking(runs, pictures, watch)
@@ -104,7 +104,7 @@ def emulate(
     Prints the address of every device.
     """
     with loading():
-        from ..inputs.part_files import cell_of_this_folder
+        from ..inputs.cell_files import cell_of_this_folder
         from .emulated_cell import serve
 
     code = serve(

@@ -136,17 +136,6 @@ def for_emulator(path: Path, part: CompiledPart, folder: Path) -> Path:
     return copy
 
 
-def cell_of_this_folder() -> Path:
-    """Return the cell file of the working directory's recipe, else the emulated cell.
-
-    Raises
-    ------
-    ConfigError : the recipe is wrong
-    """
-    recipe = project_recipe()
-    return EMULATED_CELL if recipe is None else load_recipe(recipe).cell
-
-
 def _options(path: Path, unit: str | None, recipe: Recipe | None) -> CompileOptions:
     """Return the compile options of a file, after checking a unit given on the command line."""
     if recipe is None:

@@ -9,7 +9,7 @@ from controller.plant.orders import all_orders, release
 from controller.plant.outbox import FOLDER, Book, OutboxError, behind, resume
 from controller.plant.plant import PlantError
 
-from ..inputs.part_files import cell_of_this_folder
+from ..inputs.cell_files import cell_of_this_folder
 from ..serving.server import require_packages
 from ..terminal.output import emit, print_line
 

@@ -315,7 +315,7 @@ def recover(
     with loading():
         from controller.cell.custody import GripperName
 
-        from ..inputs.part_files import cell_of_this_folder
+        from ..inputs.cell_files import cell_of_this_folder
         from .accepting import go_on_with_part
         from .release import recover_cell
 

@@ -94,6 +94,7 @@ class Rest:
         host, port = self._serving.host, self._serving.port
         try:
             config = config_of(self.app(plant), self._serving)
+            config.lifespan = "off"
             family = socket.AF_INET6 if ":" in host else socket.AF_INET
             with socket.create_server((host, port), family=family) as listening:
                 await _Server(config).serve(sockets=[listening])

@@ -1,0 +1,284 @@
+"""The connection to a plant: how late a result is on each wire, and what the bridge costs.
+
+    python benchmarks/bench_plant.py                 200 parts at 20 times the real rate
+    python benchmarks/bench_plant.py --parts 2400    what two hours at that rate bring
+
+A journal grows by parts as runs write them, at `--rate` parts a second, while the real `cellctl
+connect` serves webhook, folder and REST, and MQTT where mosquitto is installed. Each receiver is
+of this script. A result is late by the time from the row that finished its part until the receiver
+has it; REST is asked every 50 ms. The bridge's memory is read when it is ready and at the end.
+"""
+
+import base64
+import http.server
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+from urllib.request import Request, urlopen
+
+import numpy as np
+from bench import EMULATED, Arguments, note, show
+from results_bench import RunWriter, verdict, view
+
+ASKED_S = 1.0
+ASKED_MB = 150.0
+ASK_REST_S = 0.05
+LAST_WALL_S = 60.0
+PASSWORD = "of the benchmark alone"
+RUN_PARTS = 20
+
+
+class Arrivals:
+    """When each receiver had each part, by run and number [s of this machine's clock]."""
+
+    def __init__(self) -> None:
+        self.at: dict[str, dict[tuple[str, int], float]] = {}
+        self._lock = threading.Lock()
+
+    def note(self, wire: str, part: dict[str, Any]) -> None:
+        """Note a result; alarms do not count."""
+        if part.get("schema") == "cellctl.part/1":
+            with self._lock:
+                key = (str(part["run"]), int(part["part"]))
+                self.at.setdefault(wire, {}).setdefault(key, time.monotonic())
+
+
+def free_port() -> int:
+    with socket.socket() as tried:
+        tried.bind(("127.0.0.1", 0))
+        return int(tried.getsockname()[1])
+
+
+def webhook(stack: ExitStack, arrivals: Arrivals) -> str:
+    """Serve a webhook; return its address."""
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            body = self.rfile.read(int(self.headers["Content-Length"]))
+            arrivals.note("webhook", json.loads(body))
+            self.send_response(204)
+            self.end_headers()
+
+        def log_message(self, format: str, *args: object) -> None:  # noqa: A002
+            pass
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    stack.callback(server.shutdown)
+    return f"http://127.0.0.1:{server.server_address[1]}/"
+
+
+def follow(stack: ExitStack, look: Callable[[], None]) -> None:
+    """Call a function again and again until the end."""
+    is_over = threading.Event()
+
+    def work() -> None:
+        while not is_over.wait(ASK_REST_S):
+            look()
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    stack.callback(thread.join)
+    stack.callback(is_over.set)
+
+
+def watch_folder(folder: Path, arrivals: Arrivals) -> Callable[[], None]:
+    seen: set[str] = set()
+
+    def look() -> None:
+        for entry in os.scandir(folder):
+            if entry.name not in seen and not entry.name.startswith("."):
+                seen.add(entry.name)
+                arrivals.note("folder", json.loads(Path(entry.path).read_bytes()))
+
+    return look
+
+
+def ask_rest(port: int, arrivals: Arrivals) -> Callable[[], None]:
+    last = 0
+    account = base64.b64encode(f"bench:{PASSWORD}".encode()).decode()
+
+    def look() -> None:
+        nonlocal last
+        url = f"http://127.0.0.1:{port}/api/v1/parts?after={last}"
+        try:
+            with urlopen(Request(url, headers={"Authorization": f"Basic {account}"})) as answer:
+                found = json.load(answer)
+        except OSError:  # not ready yet
+            return
+        for part in found:
+            arrivals.note("rest", part)
+            last = part["seq"]
+
+    return look
+
+
+def broker(stack: ExitStack, folder: Path, arrivals: Arrivals) -> int | None:
+    """Start a broker and a subscriber; return its port, None where there is no mosquitto."""
+    program = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
+    subscribe = shutil.which("mosquitto_sub")
+    if program is None or subscribe is None:
+        return None
+    port = free_port()
+    settings = folder / "mosquitto.conf"
+    settings.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
+    served = subprocess.Popen([program, "-c", str(settings)], stderr=subprocess.DEVNULL)
+    stack.callback(served.wait)
+    stack.callback(served.terminate)
+    while True:
+        try:
+            socket.create_connection(("127.0.0.1", port), 0.2).close()
+            break
+        except OSError:
+            time.sleep(0.05)
+    topic = "cellctl/v1/bench/part"
+    heard = subprocess.Popen(
+        [subscribe, "-p", str(port), "-q", "1", "-t", topic], stdout=subprocess.PIPE
+    )
+    stack.callback(heard.wait)
+    stack.callback(heard.terminate)
+
+    def listen() -> None:
+        assert heard.stdout is not None
+        for line in heard.stdout:
+            arrivals.note("mqtt", json.loads(line))
+
+    threading.Thread(target=listen, daemon=True).start()
+    return port
+
+
+def cell_file(folder: Path, url: str, rest: int, mqtt: int | None) -> Path:
+    """Write a cell file with these wires."""
+    text = EMULATED.read_text().replace("name: emulated", "name: bench")
+    text += (
+        "\nconnect:\n"
+        f"  webhook: [{{url: '{url}', secret_file: secret}}]\n"
+        "  folder: [{path: out, name: '{run}_{part}'}]\n"
+        f"  rest: {{listen: '127.0.0.1:{rest}'}}\n"
+    )
+    if mqtt is not None:
+        text += f"  mqtt: {{broker: 127.0.0.1, port: {mqtt}}}\n"
+    (folder / "secret").write_text("a secret of this benchmark alone")
+    (folder / "secret").chmod(0o600)
+    (folder / "out").mkdir()
+    path = folder / "cell.yaml"
+    path.write_text(text)
+    return path
+
+
+def memory_mb(pid: int) -> float:
+    text = Path(f"/proc/{pid}/status").read_text()
+    return int(text.split("VmRSS:")[1].split()[0]) / 1024
+
+
+def cpu_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def write_parts(runs: Path, count: int, rate: float, day: int) -> dict[tuple[str, int], float]:
+    """Write runs at a rate; return when each part's last row was written."""
+    finished: dict[tuple[str, int], float] = {}
+    shown, judged = (view("G1-V0"), view("G1-V3")), verdict()
+    pause_s = 1.0 / rate
+    for first in range(0, count, RUN_PARTS):
+        at = f"{first // 3600:02}{first // 60 % 60:02}{first % 60:02}"
+        run = f"202603{day:02}-{at}-000-featuretype"
+        of_run = min(RUN_PARTS, count - first)
+        writer = RunWriter(runs, run, count=of_run, cell_name="bench")
+        for part in range(1, of_run + 1):
+            began_s = time.monotonic()
+            writer.whole_part(shown, judged, "accept")
+            finished[run, part] = time.monotonic()
+            time.sleep(max(0.0, pause_s - (time.monotonic() - began_s)))
+        writer.end()
+    return finished
+
+
+def measure(count: int, rate: float) -> dict[str, Any]:
+    """Return lateness of each wire, and the bridge's memory and processor time."""
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        arrivals = Arrivals()
+        runs, rest = folder / "runs", free_port()
+        runs.mkdir()
+        environment = {**os.environ, "XDG_CONFIG_HOME": str(folder / "config")}
+        subprocess.run(
+            [sys.executable, "-m", "controller.cli", "account", "bench", "--role", "plant"],
+            input=PASSWORD, text=True, check=True, env=environment, stdout=subprocess.DEVNULL,
+        )  # fmt: skip
+        port = broker(stack, folder, arrivals)
+        path = cell_file(folder, webhook(stack, arrivals), rest, port)
+        bridge = subprocess.Popen(
+            [sys.executable, "-m", "controller.cli", "connect", f"--cell={path}",
+             f"--runs={runs}", "--json"],
+            stdout=subprocess.PIPE, env=environment, cwd=folder,
+        )  # fmt: skip
+        stack.callback(bridge.wait)
+        stack.callback(bridge.send_signal, signal.SIGTERM)
+        assert bridge.stdout is not None
+        ready = json.loads(bridge.stdout.readline())
+        note({"wires": ready["wires"]})
+        follow(stack, watch_folder(folder / "out", arrivals))
+        follow(stack, ask_rest(rest, arrivals))
+        every = ("webhook", "folder", "rest", *(["mqtt"] if port else []))
+        write_parts(runs, 2, 1.0, day=1)  # the first ones load what later ones use
+        wait_for(arrivals, 2, every)
+        before_mb, before_s = memory_mb(bridge.pid), cpu_s(bridge.pid)
+        finished = write_parts(runs, count, rate, day=2)
+        wait_for(arrivals, 2 + count, every)
+        late: dict[str, Any] = {}
+        for wire in every:
+            had = arrivals.at.get(wire, {})
+            seconds = [had[key] - at for key, at in finished.items() if key in had]
+            late[wire] = {
+                "arrived": len(seconds),
+                "p50_s": round(float(np.percentile(seconds, 50)), 3),
+                "p95_s": round(float(np.percentile(seconds, 95)), 3),
+                "longest_s": round(max(seconds), 3),
+            }
+        return {
+            "parts": count,
+            "wires": late,
+            "memory_mb": round(memory_mb(bridge.pid), 1),
+            "memory_grown_mb": round(memory_mb(bridge.pid) - before_mb, 1),
+            "cpu_s_a_part": round((cpu_s(bridge.pid) - before_s) / count, 3),
+        }
+
+
+def wait_for(arrivals: Arrivals, count: int, wires: tuple[str, ...]) -> None:
+    """Wait until each wire has brought so many results, within a time."""
+    end_s = time.monotonic() + LAST_WALL_S
+    while time.monotonic() < end_s:
+        if all(len(arrivals.at.get(wire, {})) >= count for wire in wires):
+            return
+        time.sleep(0.05)
+
+
+def main() -> int:
+    parser = Arguments(__doc__, parts=20)
+    parser.add_argument("--parts", type=int, default=200, help="parts of the journal")
+    parser.add_argument("--rate", type=float, default=0.33, help="parts a second")
+    args = parser.parse_args()
+    found = measure(args.parts, args.rate)
+    wires = [{"wire": name, **figures} for name, figures in found["wires"].items()]
+    figures = {key: value for key, value in found.items() if key != "wires"}
+    show(args, wires, figures)
+    is_whole = all(one["arrived"] == args.parts for one in wires)
+    is_soon = all(one["p95_s"] <= ASKED_S for one in wires)
+    return 0 if is_whole and is_soon and found["memory_mb"] <= ASKED_MB else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
