@@ -76,6 +76,10 @@ def wires_of(connect: ConnectSection, folder: Path) -> list[Wire]:
             ) from error
 
         wires += mqtt_wires(connect.mqtt, folder)
+    if connect.plc is not None:
+        from .wires.plc import PlcWire
+
+        wires.append(PlcWire(connect.plc))
     if connect.rest is not None:
         from .wires.rest import Rest
 

@@ -12,8 +12,8 @@ from pydantic import AfterValidator, Field, model_validator
 from ..object_address import object_address
 from ..yaml_models import Section
 from .mqtt import MqttSection
-
-Listen = Annotated[str, Field(pattern=r"^(\[[0-9a-fA-F:]+\]|[A-Za-z0-9.-]+):\d{1,5}$")]
+from .plc import PlcSection
+from .values import Listen
 
 
 def _web_address(url: str) -> str:
@@ -135,6 +135,7 @@ class ConnectSection(Section):
     rest : answers questions and takes orders over HTTP
     folder : folders that get a file of each result
     mqtt : a broker that gets each result and the state, and takes orders
+    plc : registers for a PLC, over Modbus TCP
     pictures : copies of the runs' pictures, and how long they stay here
     opcua : an OPC UA server
     """
@@ -144,5 +145,6 @@ class ConnectSection(Section):
     rest: RestSection | None = None
     folder: tuple[FolderSection, ...] = Field((), max_length=10)
     mqtt: MqttSection | None = None
+    plc: PlcSection | None = None
     pictures: PicturesSection | None = None
     opcua: OpcuaSection | None = None

@@ -13,6 +13,8 @@ from ..yaml_models import Section
 Number = Annotated[float, Field(ge=-50_000, le=50_000)]  # no cell is 50 m wide
 Vec2 = tuple[Number, Number]
 Vec3 = tuple[Number, Number, Number]
+# Host and port, as in 127.0.0.1:8471 or [::1]:8471
+Listen = Annotated[str, Field(pattern=r"^(\[[0-9a-fA-F:]+\]|[A-Za-z0-9.-]+):\d{1,5}$")]
 Length = Annotated[float, Field(ge=10, le=5000)]  # of a link [mm]; given in metres it is below 1
 # Between a camera and the table or the station that it looks at [mm]. A value below 20 is likely to
 # be in metres.

@@ -14,7 +14,7 @@ from typing import Final
 from controller.config.cell.mqtt import MqttSection, SparkplugSection
 
 from ...model import Notice, PartResult
-from ...plant import Plant
+from ...plant import Plant, PlantError
 from ._link import Access, Link, connected
 from .node import NAMESPACE, EdgeNode, as_ms, came_about, notice_values, state_values
 from .payload import Value
@@ -91,7 +91,7 @@ class SparkplugWire:
         node, plant = self.node, self._plant
         assert node is not None  # since it is born
         assert plant is not None
-        old = isinstance(notice, PartResult) and bool(await plant.parts(notice.seq, 1))
+        old = isinstance(notice, PartResult) and await _is_followed(plant, notice)
         await self._speak(node, notice_values(notice), came_about(notice), is_historical=old)
 
     async def _tell_states(self, plant: Plant, node: EdgeNode) -> None:
@@ -150,6 +150,13 @@ class SparkplugWire:
                 self._birth_due.set()
         elif self._is_born.is_set() or self._birth_due.is_set():
             raise HostGoneError(f"primary host {self._settings.primary_host} is offline")
+
+
+async def _is_followed(plant: Plant, result: PartResult) -> bool:
+    try:
+        return bool(await plant.parts(result.seq, 1))
+    except PlantError:
+        return False
 
 
 def _now_ms() -> int:
