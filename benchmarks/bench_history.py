@@ -45,6 +45,7 @@ from controller.history.tables import (
     MEASUREMENTS,
     METADATA,
     PARTS,
+    PICTURES,
     RECOVERIES,
     RUNS,
     STEPS,
@@ -53,6 +54,7 @@ from controller.history.tables import (
 RUN_PARTS = 100
 VALUES = 12  # characteristics of a part
 STEPS_COUNT = 18
+PICTURES_COUNT = 30
 CELLS = 10
 RECIPES = ("featuretype", "flange_xy", "holder", "widget")
 BEGIN = datetime(2026, 1, 5, 6)  # noqa: DTZ001 - UTC, as the store has it
@@ -92,7 +94,8 @@ def made(parts: int) -> Iterator[tuple[dict[str, Any], list[dict[str, Any]]]]:
         first = found[0]
         run = {
             "run_no": run_no, "run_id": f"{at:%Y%m%d-%H%M%S}-000-{first['recipe']}",
-            "journal_no": 1, "recipe": first["recipe"], "cell": f"cell-{run_no % CELLS}", "lot": first["lot"],
+            "journal_no": 1, "recipe": first["recipe"], "cell": f"cell-{run_no % CELLS}",
+            "lot": first["lot"],
             "operator": first["operator"], "recipe_sha256": "0" * 64, "cad_sha256": "0" * 64,
             "ordered": RUN_PARTS, "speed": 1.0, "is_dry": False, "is_emulated": False,
             "start": at, "end": found[-1]["end"], "wall_s": 7000.0, "outcome": "complete",
@@ -146,6 +149,18 @@ def stock(store: Store, parts: int) -> None:
                     }
                     for key in ids
                     for i in range(STEPS_COUNT)
+                ],
+            )  # fmt: skip
+            db.execute(
+                PICTURES.insert(),
+                [
+                    {
+                        "part_id": key, "ordinal": i + 1, "view": f"G1-V{i // 2}",
+                        "lamp": "backlit", "sha256": f"{rng.getrandbits(256):064x}",
+                        "file": f"pictures/part{key % 1000:03d}_G1-V{i // 2}_station_side.png",
+                    }
+                    for key in ids
+                    for i in range(PICTURES_COUNT)
                 ],
             )  # fmt: skip
             for one in found:

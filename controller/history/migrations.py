@@ -17,6 +17,7 @@ from .tables import (
     FINDINGS,
     JOURNALS,
     PARTS,
+    PICTURES,
     RECOVERIES,
     REJUDGED,
     REVIEWS,
@@ -78,6 +79,12 @@ def _with_rejudged(db: Connection) -> None:
     REJUDGED.create(db, checkfirst=True)
 
 
+def _with_pictures(db: Connection) -> None:
+    """Add what pictures there are, and where copies of them; none where a journal is gone."""
+    PICTURES.create(db, checkfirst=True)
+    _add(db, RUNS.c.copied_to)
+
+
 def _add(db: Connection, *columns: Column[Any]) -> None:
     """Add columns, the indexes that have all theirs, and have the journals read once more."""
     for column in columns:
@@ -100,6 +107,7 @@ MIGRATIONS: Final[tuple[Callable[[Connection], None], ...]] = (
     _with_orders,
     _with_cells,
     _with_rejudged,
+    _with_pictures,
 )
 SCHEMA_VERSION: Final = 1 + len(MIGRATIONS)
 

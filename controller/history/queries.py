@@ -17,6 +17,7 @@ from .tables import (
     JOURNALS,
     MEASUREMENTS,
     PARTS,
+    PICTURES,
     RECOVERIES,
     REVIEWS,
     RUNS,
@@ -188,7 +189,8 @@ def find_parts(store: Store, word: str) -> tuple[Mapping[str, Any], ...]:
     HistoryError : several runs begin so, or the store cannot be read
     """
     with store.reading() as db:
-        query = select(PARTS, *NAME, RUNS.c.outcome, JOURNALS.c.key.label("journal"))
+        of_run = (RUNS.c.outcome, RUNS.c.copied_to, JOURNALS.c.key.label("journal"))
+        query = select(PARTS, *NAME, *of_run)
         query = query.select_from(PARTS.join(RUNS).join(JOURNALS))
         found = (
             db.execute(
@@ -281,6 +283,7 @@ def _full(db: Connection, part: Mapping[Any, Any]) -> Mapping[str, Any]:
             {"number": row["ordinal"], **part_json(row), "faces": faces.get(row["ordinal"], [])}
             for row in of(FINDINGS)
         ],
+        "pictures": [part_json(row) for row in of(PICTURES)],
         "steps": [part_json(row) for row in of(STEPS)],
         "recoveries": [part_json(row) for row in of(RECOVERIES)],
         "reviews": [part_json(row) for row in of(REVIEWS)],

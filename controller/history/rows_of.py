@@ -22,6 +22,7 @@ from .tables import (
     MEASUREMENTS,
     PART_BITS,
     PARTS_MAX,
+    PICTURES,
     RECOVERIES,
     REVIEWS,
     STEPS,
@@ -86,6 +87,7 @@ def run_row(record: RunRecord) -> Values:
         "wall_s": record.wall_s,
         "outcome": record.outcome.end,
         "message": record.outcome.message,
+        "copied_to": ["", *(copy.to for copy in record.copies.values())][-1],
     }
 
 
@@ -187,6 +189,18 @@ def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry])
             "actual_s": s.actual_s,
         }
         for i, s in enumerate(part.steps, 1)
+    ]
+    shown = [("", lamp, file) for lamp, file in part.table_pictures.items()]
+    shown += [(one.view, lamp, file) for one in part.views for lamp, file in one.pictures.items()]
+    found.of_part[PICTURES] = [
+        {
+            "ordinal": i,
+            "view": view,
+            "lamp": lamp,
+            "file": file,
+            "sha256": record.stored.get(file, "")[:64],
+        }
+        for i, (view, lamp, file) in enumerate(shown, 1)
     ]
     found.of_part[RECOVERIES] = [
         {

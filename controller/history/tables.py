@@ -73,6 +73,8 @@ RUNS: Final = Table(
     Column("outcome", Text, nullable=False),
     Column("message", Text, nullable=False),
     Column("read_seq", BigInteger, nullable=False),  # the journal as it was read for this row
+    # since version 8: address of the store of objects with copies of its pictures
+    Column("copied_to", Text, nullable=False, server_default=""),
     UniqueConstraint("run_id", "cell", name="runs_of_cell"),  # since version 6
 )
 PARTS: Final = Table(
@@ -204,6 +206,13 @@ REVIEWS: Final = _of_part(  # since version 3; the last one of a part counts
     Column("why", Text, nullable=False),
     Column("findings", Text, nullable=False),  # as 1=real 2=false_alarm
 )
+PICTURES: Final = _of_part(  # since version 8: of the table, then of the views
+    "pictures",
+    Column("view", Text, nullable=False),  # empty: of the table
+    Column("lamp", Text, nullable=False),
+    Column("file", Text, nullable=False),
+    Column("sha256", String(64), nullable=False),
+)
 ALARMS: Final = Table(
     "alarms",
     METADATA,
@@ -231,4 +240,4 @@ REJUDGED: Final = Table(
     Column("lines_sha256", String(64), nullable=False),
     Column("seconds", Double, nullable=False),
 )
-OF_PART: Final = (MEASUREMENTS, FINDINGS, FINDING_FACES, STEPS, RECOVERIES, REVIEWS)
+OF_PART: Final = (MEASUREMENTS, FINDINGS, FINDING_FACES, STEPS, RECOVERIES, REVIEWS, PICTURES)

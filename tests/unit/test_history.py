@@ -682,7 +682,8 @@ def test_a_store_of_version_5_takes_runs_of_one_id_from_two_cells(
     newer = open_store(store.engine.url.render_as_string(hide_password=False))
     try:
         after_rows = all_rows(newer)
-        assert {**after_rows, "store_version": []} == {**before_rows, "store_version": []}
+        read_again = {"store_version": [], "journals": []}
+        assert {**after_rows, **read_again} == {**before_rows, **read_again}
         cell_with_a_part(tmp_path / "2", "cell-2", "SN2")
         assert fill(newer, tmp_path / "2").part_count == 1
     finally:

@@ -136,7 +136,7 @@ def copy_pictures(runs_dir: Path, to: str, who: str) -> Iterator[Copied]:
 def keep_pictures(
     store: Store, runs_dir: Path, now: datetime, who: str
 ) -> Iterator[Copied | Dropped]:
-    """Do what the cell asks for its pictures: copy new ones, then delete old ones here.
+    """Copy new pictures, then delete old ones here, as the cell asks; yield what was done.
 
     Parameters
     ----------
@@ -147,7 +147,9 @@ def keep_pictures(
 
     Raises
     ------
-    ObjectsError, HistoryError, ResultsError : as in `copy_pictures`
+    ObjectsError : the store of objects cannot be opened or written; what was copied is noted
+    HistoryError : the journal cannot be read or written, or is broken
+    ResultsError : there is no journal
     OSError : a file cannot be deleted
     """
     rules = rules_now(runs_dir)
@@ -160,11 +162,16 @@ def keep_pictures(
 
 
 def drop_copied(runs_dir: Path, old: OldPictures, before: datetime, who: str) -> Dropped:
-    """Delete pictures of a run; of a cell that copies them, those whose copy is found whole.
+    """Delete pictures of a run, and return those deleted and why others stay.
+
+    Of a cell that copies its pictures, one goes if its copy is found whole.
 
     Parameters
     ----------
-    runs_dir, old, before, who : as `drop_pictures` takes them
+    runs_dir : folder of all runs
+    old : pictures to delete
+    before : the time that was named
+    who : decided it
 
     Raises
     ------

@@ -38,8 +38,10 @@ def grey_picture(path: Path) -> Grey | None:
 def picture_bytes(path: Path) -> bytes | None:
     """Return a picture of the run as JPEG, narrower; None where there is none."""
     image = grey_picture(path)
-    if image is None:
-        return None
+    return None if image is None else _shown_bytes(image)
+
+
+def _shown_bytes(image: Grey) -> bytes:
     height, width = image.shape[:2]
     if width > PICTURE_WIDTH_PX:
         size = (PICTURE_WIDTH_PX, round(height * PICTURE_WIDTH_PX / width))
@@ -60,8 +62,30 @@ async def run_picture(folder: Path, name: str) -> Response | None:
     found = None if path is None else await asyncio.to_thread(picture_bytes, path)
     if found is None:
         return None
+    return _kept_answer(found)
+
+
+async def picture_of(data: bytes) -> Response | None:
+    """Return a picture as an answer that browsers may cache; None if it cannot be read.
+
+    Parameters
+    ----------
+    data : content of its file
+    """
+
+    def drawn() -> bytes | None:
+        try:
+            return _shown_bytes(np.asarray(decode(data, "grey"), dtype=np.uint8))
+        except BrokenPictureError:
+            return None
+
+    found = await asyncio.to_thread(drawn) if len(data) <= PICTURE_MAX_BYTES else None
+    return None if found is None else _kept_answer(found)
+
+
+def _kept_answer(jpeg: bytes) -> Response:
     headers = {"Cache-Control": "private, max-age=86400, immutable"}
-    return Response(found, media_type="image/jpeg", headers=headers)
+    return Response(jpeg, media_type="image/jpeg", headers=headers)
 
 
 def why_not_drawn(count: int) -> str:

@@ -23,11 +23,12 @@ from controller.history import (
 )
 from controller.history.reviewing import one_part
 
-from ..frame.drawn import run_picture
+from ..frame.drawn import picture_of
 from ..frame.screens import GetRoute
 from ..frame.visit import Visit, refused
 from ..frame.words import teller, translator, value_in, word
 from ..records import (
+    ELSEWHERE,
     FORMS,
     LISTED_FORMS,
     PartPicture,
@@ -118,8 +119,7 @@ class HistoryAnswers:
             part = await self._records.part(visit.request.path_params)
         except HistoryError as error:
             return unread(visit, error)
-        run = str(part["run"])
-        pictures = await self._records.pictures(run, int(part["number"]))
+        pictures = await self._records.pictures(part)
         return visit.html(
             "part.html.j2",
             part=part,
@@ -132,17 +132,15 @@ class HistoryAnswers:
         )
 
     async def picture(self, visit: Visit) -> Response:
-        """Return a picture of a part by its number; its file is named by the journal alone."""
+        """Return a picture of a part by its number; its file is named by the store alone."""
         try:
             part = await self._records.part(visit.request.path_params)
         except HistoryError:
             return refused(404, word("there is no such part"))
-        run, number = str(part["run"]), visit.request.path_params["picture"]
-        pictures = await self._records.pictures(run, int(part["number"]))
-        nothing = refused(404, word("there is no such picture"))
-        if isinstance(pictures, str) or not 0 <= number < len(pictures):
-            return nothing
-        return await run_picture(self._records.runs_dir / run, pictures[number].file) or nothing
+        found = await self._records.picture(part, visit.request.path_params["picture"])
+        if isinstance(found, str):
+            return refused(404, teller(visit.language)(found))
+        return await picture_of(found) or refused(404, word("there is no such picture"))
 
     async def file(self, visit: Visit) -> Response:
         """Return a run, a part or all parts that fit as a file to be kept, no page of this one.
@@ -160,6 +158,9 @@ class HistoryAnswers:
                 part = await self._records.part({"run": at["run"], "number": number or 1})
             except HistoryError:
                 return refused(404, word("there is no such part"))
+            if await self._records.journal(part) is None:
+                why = teller(visit.language)(ELSEWHERE)
+                return visit.html("unread.html.j2", 409, title=visit.screen.title, why=why)
             run = str(part["run"])
         else:
             await self._records.freshen()
@@ -226,7 +227,7 @@ class HistoryAnswers:
         except HistoryError as error:
             return unread(visit, error)
         both = parts if len(parts) == COMPARED else []
-        found = [await self._records.pictures(str(one["run"]), int(one["number"])) for one in both]
+        found = [await self._records.pictures(one) for one in both]
         return visit.html(
             "compare.html.j2",
             parts=both,

@@ -5,7 +5,7 @@ The page's loop waits for none of it, and the cell is not involved.
 
 from .files import FORMS, LISTED_FORMS, WantedFile
 from .pictures import PartPicture
-from .records import NEWER_S, Records
+from .records import ELSEWHERE, NEWER_S, Records
 from .shown import (
     page_asked,
     page_count,
@@ -15,6 +15,7 @@ from .shown import (
 )
 
 __all__ = [
+    "ELSEWHERE",
     "FORMS",
     "LISTED_FORMS",
     "NEWER_S",

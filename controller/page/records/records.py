@@ -13,13 +13,13 @@ from typing import Any, ClassVar, Concatenate, Final, ParamSpec, TypeVar
 from weakref import WeakValueDictionary
 
 from controller.cell.journal import JOURNAL_NAME, JournalError, journal_mark
-from controller.history import HistoryError, Store, open_store, store_url
+from controller.history import HistoryError, Store, journals_by_key, open_store, store_url
 from controller.history.reviewing import one_part
-from controller.results.run import ResultsError
+from controller.results.run import ObjectStore, ResultsError
 
 from ..frame.words import word
 from .files import WantedFile, write_wanted
-from .pictures import PartPicture, PartPictures, shown
+from .pictures import PartPicture, PartShown, pictures_of, read_picture, shown
 from .work import begin, draw_crop, fill_store
 
 P = ParamSpec("P")
@@ -35,6 +35,10 @@ QUERIES_AT_ONCE: Final = 4  # questions to the store at a time; the others wait
 CROPS_AT_ONCE: Final = 2
 SHOWN_COUNT: Final = 50  # number of parts whose pictures in the journal are remembered
 READS_AT_ONCE: Final = 2
+COPIES_AT_ONCE: Final = 4  # pictures read at a time, from a folder or a store of objects
+ASKED_AGAIN_S: Final = 60.0  # a store of objects that did not answer is asked again after this
+ELSEWHERE: Final = word("the journal of this part is not here: the machine of its cell shows it")
+NO_COPIES: Final = word("the pictures are on the machine of the part's cell; no copies were made")
 # number at a time; each takes the drawing process for seconds, and the others wait
 FILES_AT_ONCE: Final = 1
 END_S: Final = 1.0
@@ -79,9 +83,12 @@ class Records:
         self._drawing = asyncio.Semaphore(CROPS_AT_ONCE)
         self._writing = asyncio.Semaphore(FILES_AT_ONCE)
         self._reading = asyncio.Semaphore(READS_AT_ONCE)
-        self._shown: OrderedDict[tuple[str, int], PartPictures] = OrderedDict()
+        self._shown: OrderedDict[str, PartShown] = OrderedDict()
+        self._copying = asyncio.Semaphore(COPIES_AT_ONCE)
+        self._stores: dict[str, ObjectStore | str] = {}
+        self._asked_s = float("-inf")
         self._opening = asyncio.Lock()
-        self._crops: OrderedDict[tuple[str, int, int, str], bytes] = OrderedDict()
+        self._crops: OrderedDict[tuple[str, int, str], bytes] = OrderedDict()
 
     @asynccontextmanager
     async def kept(self) -> AsyncIterator[None]:
@@ -157,57 +164,95 @@ class Records:
         await asyncio.wait([self._filling], timeout=WAIT_S)
         return not self._filling.done()
 
-    async def crop(self, run: str, part: int, finding: int, which: str) -> bytes | str:
+    async def journal(self, part: Mapping[str, Any]) -> Path | None:
+        """Return the journal of a part; None if it is not in this folder, but of another cell.
+
+        Parameters
+        ----------
+        part : as the history has it
+        """
+        there = await asyncio.to_thread(journals_by_key, self.runs_dir)
+        return there.get(str(part["journal"]))
+
+    async def crop(self, part: Mapping[str, Any], finding: int, which: str) -> bytes | str:
         """Return a crop of a finding as JPEG, or why there is none.
 
         Parameters
         ----------
-        run, part, finding : names and numbers
+        part : as the history has it
+        finding : its number
         which : one of the crops
         """
-        key = (run, part, finding, which)
+        key = (str(part["part"]), finding, which)
         if key in self._crops:
             self._crops.move_to_end(key)
             return self._crops[key]
+        journal = await self.journal(part)
+        if journal is None:
+            return ELSEWHERE
+        run, number = str(part["run"]), int(part["number"])
         async with self._drawing:
-            found = await self._apart(draw_crop, self.runs_dir, run, part, finding, which)
+            found = await self._apart(draw_crop, journal, run, number, finding, which)
         if isinstance(found, bytes):
             self._crops[key] = found
             while len(self._crops) > CROP_MAX_COUNT:
                 self._crops.popitem(last=False)
         return found
 
-    async def shown(self, run: str, number: int) -> PartPictures | str:
+    async def shown(self, part: Mapping[str, Any]) -> PartShown | str:
         """Return the journal's data of a part, or the reason why there are none.
 
         Parameters
         ----------
-        run, number : run and number of the part
+        part : as the history has it
         """
+        name, run, number = str(part["part"]), str(part["run"]), int(part["number"])
         async with self._reading:
-            if (run, number) in self._shown:
-                return self._shown[run, number]
+            if name in self._shown:
+                return self._shown[name]
+            journal = await self.journal(part)
+            if journal is None:
+                return ELSEWHERE
             try:
-                found = await asyncio.to_thread(shown, self.runs_dir, run, number)
+                found = await asyncio.to_thread(shown, journal, run, number)
             except (JournalError, ResultsError) as error:
                 return str(error)
         if found is None:
             return word("there is no such part")
         if found.is_whole:
-            self._shown[run, number] = found
+            self._shown[name] = found
             while len(self._shown) > SHOWN_COUNT:
                 self._shown.popitem(last=False)
         return found
 
-    async def pictures(self, run: str, number: int) -> tuple[PartPicture, ...] | str:
+    async def pictures(self, part: Mapping[str, Any]) -> tuple[PartPicture, ...] | str:
         """Return the pictures of a part, or why there are none.
 
         Parameters
         ----------
-        run, number : run and number of the part
+        part : as the history has it
         """
-        found = await self.shown(run, number)
-        return found if isinstance(found, str) else found.pictures
+        found = pictures_of(part)
+        if found and not part["copied_to"] and await self.journal(part) is None:
+            return NO_COPIES
+        return found
+
+    async def picture(self, part: Mapping[str, Any], number: int) -> bytes | str:
+        """Return a picture of a part, or why there is none; one of a copy is checked by its hash.
+
+        Parameters
+        ----------
+        part : as the history has it
+        number : number of the picture, of `pictures`
+        """
+        if not 0 <= number < len(part["pictures"]):
+            return word("there is no such picture")
+        folder = None if await self.journal(part) is None else self.runs_dir / str(part["run"])
+        now_s = time.monotonic()
+        if now_s - self._asked_s > ASKED_AGAIN_S:  # one that was away may be back
+            self._asked_s, self._stores = now_s, {}
+        async with self._copying:
+            return await asyncio.to_thread(read_picture, part, number, folder, self._stores)
 
     async def written(self, wanted: WantedFile, path: Path) -> str:
         """Write a file for a person; return the reason if it was not written, else empty.
@@ -234,7 +279,8 @@ class Records:
     async def _opened(self) -> Store:
         async with self._opening:
             if self._store is None:
-                if not self.runs_dir.is_dir():
+                own = store_url(self.runs_dir, None, {})
+                if self._url == own and not self.runs_dir.is_dir():
                     raise HistoryError(f"no folder {self.runs_dir}: nothing ran here yet")
                 self._store = await asyncio.to_thread(open_store, self._url)
             return self._store

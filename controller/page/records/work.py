@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Final, Protocol
 
-from controller.cell.journal import JOURNAL_NAME, JournalError
+from controller.cell.journal import JournalError
 from controller.history import HistoryError, fill, folded, open_store
 from controller.memory import map_large_arrays
 from controller.results.review import CROPS, Crop, PartCrops, jpeg
@@ -62,12 +62,12 @@ def fill_store(url: str, runs_dir: Path) -> tuple[tuple[str, ...], float]:
     return problems, time.process_time() - began_s
 
 
-def draw_crop(runs_dir: Path, run: str, part: int, finding: int, which: str) -> bytes | str:
+def draw_crop(journal: Path, run: str, part: int, finding: int, which: str) -> bytes | str:
     """Return a crop of a finding as JPEG, or why there is none.
 
     Parameters
     ----------
-    runs_dir : folder of all runs
+    journal : the journal of the run
     run, part, finding : names and numbers
     which : one of the crops
     """
@@ -75,7 +75,7 @@ def draw_crop(runs_dir: Path, run: str, part: int, finding: int, which: str) -> 
     if wanted is None:
         return "there is no such crop"
     try:
-        record = folded(runs_dir / JOURNAL_NAME, run, [part])
+        record = folded(journal, run, [part])
         crops = PartCrops.of_part(record, part)
         if crops is None:
             return "there is no such part"

@@ -108,7 +108,7 @@ class ReviewAnswers:
             likely = (await self._records.query(agreement, Filters(recipe=part["recipe"]))).likely
         except HistoryError as error:
             return unread(visit, error)
-        pictures = await self._records.pictures(str(part["run"]), int(part["number"]))
+        pictures = await self._records.pictures(part)
         return visit.html(
             "part.html.j2",
             part=part,
@@ -131,7 +131,7 @@ class ReviewAnswers:
             part = await self._records.part(at)
         except HistoryError:
             return refused(404, word("there is no such part"))
-        found = await self._records.shown(str(part["run"]), int(part["number"]))
+        found = await self._records.shown(part)
         if isinstance(found, str):
             return refused(404, teller(visit.language)(found))
         if found.coverage is None:
@@ -148,9 +148,7 @@ class ReviewAnswers:
             part = await self._records.part(at)
         except HistoryError:
             return refused(404, word("there is no such part"))
-        found = await self._records.crop(
-            str(part["run"]), int(part["number"]), at["finding"], at["which"]
-        )
+        found = await self._records.crop(part, at["finding"], at["which"])
         if isinstance(found, str):
             return refused(404, teller(visit.language)(found))
         headers = {"Cache-Control": "private, max-age=3600"}

@@ -16,12 +16,23 @@ class RunPictures:
     ----------
     folder : folder of the run
     copies : by name of a file, the copies there are
+    is_here : False for a run of another machine: what may be in the folder is not its
+    stores : stores of objects by address, open or with the reason why they are not, for several
+        runs to share
     """
 
-    def __init__(self, folder: Path, copies: Mapping[str, Copy] | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        copies: Mapping[str, Copy] | None = None,
+        *,
+        is_here: bool = True,
+        stores: dict[str, ObjectStore | str] | None = None,
+    ) -> None:
         self.folder = folder
         self.copies: Mapping[str, Copy] = {} if copies is None else copies
-        self._stores: dict[str, ObjectStore | str] = {}
+        self._is_here = is_here
+        self._stores = {} if stores is None else stores
 
     def read(self, name: str) -> bytes | str:
         """Return a picture's bytes, or the reason why there are none.
@@ -35,7 +46,7 @@ class RunPictures:
         path = file_within(self.folder, name)
         if path is None:
             return f"picture {name} is outside of the run's folder"
-        if path.is_file():
+        if self._is_here and path.is_file():
             try:
                 return path.read_bytes()
             except OSError as error:
