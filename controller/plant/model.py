@@ -240,11 +240,30 @@ class OrderRequest(Payload):
     due : when it is wanted; kept and told, not acted on
     """
 
+    # what the validators below ask for, as far as a schema can say it
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [
+                {
+                    "required": ["recipe"],
+                    "properties": {"recipe": {"type": "string"}, "recipes": {"maxItems": 0}},
+                },
+                {
+                    "required": ["recipes"],
+                    "properties": {
+                        "recipes": {"minItems": 1},
+                        "recipe": {"type": "null"},
+                        "quantity": {"type": "null"},
+                    },
+                },
+            ]
+        }
+    )
     recipe: str | None = Field(default=None, min_length=1, max_length=300)
     quantity: int | None = Field(default=None, ge=1, le=MAX_PARTS)
     recipes: tuple[OrderedRecipe, ...] = Field(default=(), max_length=MAX_RECIPES)
     serials: tuple[Annotated[Label, Field(min_length=1)], ...] = Field(
-        default=(), max_length=MAX_SERIALS
+        default=(), max_length=MAX_SERIALS, json_schema_extra={"uniqueItems": True}
     )
     lot: Label = ""
     due: Time | None = None

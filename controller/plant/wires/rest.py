@@ -37,6 +37,9 @@ BODY_MAX_BYTES: Final = 300_000  # 2,000 serial numbers of 80 signs
 BODY_WALL_S: Final = 10.0
 KNOWN_WALL_S: Final = 60.0  # an account that was taken back is out after this time
 PARTS_MAX: Final = 500
+# Names of what may follow `?`, of the list of parts and of anything else.
+PARAMETERS: Final[dict[str, frozenset[str]]] = {"/api/v1/parts": frozenset({"after", "limit"})}
+OTHER: Final = frozenset({"revision"})
 REALM: Final = {"WWW-Authenticate": 'Basic realm="cellctl", charset="UTF-8"'}
 Answer = Callable[[Request, str], Awaitable[Response]]
 
@@ -120,7 +123,7 @@ class Rest:
         for method, path, answer in answers:
             by_path.setdefault(path, {})[method] = answer
         routes = [
-            Route(path, self._endpoint(plant, of_path), methods=["GET", "PUT", "POST", "DELETE"])
+            Route(path, self._endpoint(plant, of_path), methods=[*of_path])
             for path, of_path in by_path.items()
         ]
         describe = Route("/openapi.json", _describe, methods=["GET"])
@@ -135,8 +138,11 @@ class Rest:
             try:
                 who = await self._who(plant, request)
                 method = "GET" if request.method == "HEAD" else request.method
-                if method not in answers:
-                    raise _RefusalError(405, "another method", {"Allow": ", ".join(answers)})
+                strange = sorted(
+                    set(request.query_params) - PARAMETERS.get(request.url.path, OTHER)
+                )
+                if strange:  # a name mistyped must not count as not given
+                    raise _RefusalError(422, f"there is no parameter {strange[0]!r:.50} here")
                 return await answers[method](request, f"{who} by REST")
             except _RefusalError as refusal:
                 return _said(refusal.status, str(refusal), refusal.headers)
