@@ -18,6 +18,7 @@ from controller.page.security import Accounts, accounts_path
 from controller.setup.software import software_versions
 
 from .bridge import CellPlant, serve
+from .keeping import PictureKeeper
 from .orders import OrderBook
 from .outbox import Book, Outbox
 from .plant import Courier, PlantError, Wire
@@ -115,6 +116,8 @@ def serve_bridge(options: BridgeOptions, ready: Callable[[list[str]], None]) -> 
             "`connect: {rest: {}}` (docs/plant.md)"
         )
     wires = wires_of(connect, options.cell.folder)
+    if connect.pictures is not None:
+        wires.append(PictureKeeper(options.runs_dir))
     if not wires:
         raise PlantError(f"{options.cell_path}: `connect` names no wire (docs/plant.md)")
     book = Book(options.runs_dir)
