@@ -34,8 +34,8 @@ def main() -> int:
     for name in ("zxingcpp", "segno", "ppf.datamatrix"):
         need_module(name)
     import zxingcpp
-    from benchmarks.printed_codes import Kind, markings, printed
 
+    from benchmarks.printed_codes import Kind, markings, printed
     from controller.arrays import Grey
     from controller.imaging.codes import MIN_MODULE_PX, read_codes
 

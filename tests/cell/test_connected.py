@@ -1,4 +1,4 @@
-"""A whole cell in a plant: an order by REST, its bridge killed meanwhile, its result by each wire."""
+"""A whole cell in a plant: an order by REST, the bridge killed meanwhile, the result everywhere."""
 
 from __future__ import annotations
 
