@@ -21,12 +21,15 @@ from brokers import Broker, Listener, broker, missing
 from fake_plant import FakePlant, alarm_notice, part_result
 from wire_bench import deliver_surely, eventually, heard, served
 
+from controller.config.cell.connect import ConnectSection
 from controller.config.cell.mqtt import MqttSection
-from controller.plant.plant import RejectedError
+from controller.plant.assembly import wires_of
+from controller.plant.plant import PlantError, RejectedError
 from controller.plant.wires.mqtt import MqttWire
 
 pytestmark = pytest.mark.skipif(bool(missing()), reason=missing() or "mosquitto is here")
 
+ROOT = Path(__file__).resolve().parents[2]
 PREFIX = "cellctl/v1/cell-3"
 
 
@@ -117,6 +120,32 @@ async def test_every_part_arrives_although_the_broker_is_killed_twice(
     assert set(parts) == set(range(1, count + 1))
     firsts = list(dict.fromkeys(parts))
     assert firsts == sorted(firsts)
+
+
+async def test_the_client_of_the_page_prints_each_part(guarded: Broker) -> None:
+    page = (ROOT / "docs" / "plant-mqtt.md").read_text(encoding="utf-8")
+    program = page.split("```python\n")[1].split("```")[0]
+    changes = {
+        'client.tls_set("plant-ca.pem")\n': "",
+        '"mqtt.plant.example", 8883': f'"127.0.0.1", {guarded.port}',
+        '"SECRET"': '"mes-5"',
+    }
+    for old, new in changes.items():
+        assert program.count(old) == 1, old
+        program = program.replace(old, new)
+    courier = known_wire(guarded)
+    client = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-u", "-c", program), stdout=asyncio.subprocess.PIPE
+    )
+    try:
+        await eventually(lambda: "Sending SUBACK to mes" in guarded.log)
+        async with served(courier, FakePlant()), asyncio.timeout(60):
+            await deliver_surely(courier, part_result(5))
+            assert client.stdout is not None
+            assert await client.stdout.readline() == b"SN-0005 pass accept\n"
+    finally:
+        client.kill()
+        await client.wait()
 
 
 async def test_topics_have_the_payloads_of_the_model_and_state_is_retained(
@@ -355,6 +384,27 @@ async def test_a_message_that_the_broker_does_not_allow_does_not_count_as_delive
 
 
 @pytest.mark.parametrize("version", [5, "3.1.1"])
+async def test_a_cell_that_may_not_read_orders_still_tells_its_results(
+    guarded: Broker, listeners: list[Listener], version: Any
+) -> None:
+    allowed = guarded.folder / "allowed"
+    allowed.write_text(f"user cell-3\ntopic write {PREFIX}/#\nuser mes\ntopic readwrite #\n")
+    guarded.end()
+    guarded.lines = (*guarded.lines, f"acl_file {allowed}")
+    guarded.start()
+    plant, courier = FakePlant(), known_wire(guarded, version=version)
+    heard_parts = Listener(guarded, f"{PREFIX}/part", extra=MES)
+    listeners.append(heard_parts)
+    await eventually(lambda: "Sending SUBACK to listener" in guarded.log)
+    async with served(courier, plant) as errors:
+        await deliver_surely(courier, part_result(1))
+        await heard(heard_parts, '"part":1,')
+        publish(guarded, f"{PREFIX}/cmd/order", '{"number": "1", "recipe": "holder"}', *MES)
+        assert errors == []
+    assert plant.told == []
+
+
+@pytest.mark.parametrize("version", [5, "3.1.1"])
 async def test_a_part_that_the_broker_cuts_off_for_is_put_aside_in_the_end(
     tmp_path: Path, version: Any
 ) -> None:
@@ -387,6 +437,17 @@ async def test_a_connection_that_is_lost_leaves_nothing_behind(open_broker: Brok
     await asyncio.sleep(0)
     assert before == set()
     assert unasked == []
+
+
+def test_a_missing_package_is_told_with_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name in [name for name in sys.modules if name.startswith("controller.plant.wires.mqtt")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "aiomqtt", None)
+    connect = ConnectSection.model_validate({"mqtt": {"broker": "127.0.0.1"}})
+    with pytest.raises(PlantError, match=r"aiomqtt: pip install 'cellctl\[mqtt\]'"):
+        wires_of(connect, tmp_path)
 
 
 def _certificates(folder: Path) -> None:
