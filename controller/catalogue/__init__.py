@@ -9,7 +9,7 @@ from .ahead import Ahead, Made
 from .pool import LOCAL, Jobs, jobs_among, open_pool
 from .software import software_key
 from .tasks import PartWork, is_made
-from .working import PoolLostError, TaskPool, WorkPool, results_of
+from .working import PoolLostError, TaskPool, WorkPool, in_order, results_of
 
 __all__ = [
     "LOCAL",
@@ -20,6 +20,7 @@ __all__ = [
     "PoolLostError",
     "TaskPool",
     "WorkPool",
+    "in_order",
     "is_made",
     "jobs_among",
     "open_pool",

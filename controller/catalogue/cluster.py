@@ -6,6 +6,7 @@ are all gone is handed out again, to those that came meanwhile; where there is n
 
 import logging
 import time
+import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
@@ -231,6 +232,8 @@ def open_cluster(address: str, told: Callable[[str], None]) -> Iterator[Cluster]
         ) from error
     for name in [one for one in logging.root.manager.loggerDict if one.startswith("distributed")]:
         logging.getLogger(name).setLevel(logging.CRITICAL)  # said here, in a sentence
+    # pictures travel with the order that needs them
+    warnings.filterwarnings("ignore", message="Sending large graph")
     _require_certificates(distributed, address)
     try:
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)

@@ -105,6 +105,44 @@ def results_of(
             yield running.pop(future), _tried(future.result)
 
 
+def in_order(
+    pool: WorkPool | None, call: Callable[[Order], Result], orders: Iterable[Order]
+) -> Iterator[Result]:
+    """Yield the result of each order in the order of the orders, as `map` does.
+
+    Parameters
+    ----------
+    pool : the pool; None to work in this process
+    call : a function of a module, which gets an order
+    orders : the orders
+
+    Raises
+    ------
+    PoolLostError : the pool ended before all were done
+    Exception : the first error that an order ended in
+    """
+    if pool is None:
+        yield from map(call, orders)
+        return
+    numbers: dict[int, int] = {}  # of the orders handed out, which live as long
+
+    def counted() -> Iterator[Order]:
+        for number, order in enumerate(orders):
+            numbers[id(order)] = number
+            yield order
+
+    waiting: dict[int, Result | Exception] = {}
+    next_one = 0
+    for order, result in results_of(pool, call, counted()):
+        waiting[numbers.pop(id(order))] = result
+        while next_one in waiting:
+            found = waiting.pop(next_one)
+            next_one += 1
+            if isinstance(found, Exception):
+                raise found
+            yield found
+
+
 def _tried(call: Callable[..., Result], *arguments: object) -> Result | Exception:
     try:
         return call(*arguments)

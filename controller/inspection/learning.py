@@ -6,20 +6,22 @@ in it all that differs from one good part to the next, the errors of the poses t
 shows a defect against the others is named, and left out.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, Float32Array, FloatArray
+from controller.cad import SurfaceSamples
 
 from ._gathered import PlacedFinding, gather
 from ._judge import confirm
 from ._part_types import ViewSet
-from ._types import OUTLINE, Verdict, ViewResult
-from .grasp_pose import OutlinedView, PoseSettings
+from ._pose import PosedPart
+from ._types import OUTLINE, PicturedView, Verdict, ViewResult
+from .grasp_pose import OutlinedView, PoseSettings, ViewPose
 from .kept import Kept
 from .lit import (
     COARSE,
@@ -37,7 +39,7 @@ from .lit import (
     regridded,
     unusual,
 )
-from .stages import PosedViews, pose_views
+from .stages import outlined_view, pose_views
 from .view import ComparedView, NotEvaluated, Strictness, compare_view
 
 MIN_PARTS: Final = 5  # with fewer, one defective part is not told from the others
@@ -49,6 +51,8 @@ ALIKE_RAD: Final = float(np.radians(3.0))
 # mark at the tip of a shadow, with 7 nodes none, and 0.3 % less was compared (ADR 118).
 NEAR_NODES: Final = 7
 MIN_SCATTER: Final = 1e-3  # of an answer: below the noise of any camera
+
+Spread = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 
 class TooFewPartsError(Exception):
@@ -106,17 +110,52 @@ class Lesson:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Shown:
-    """A part in one view."""
+    """A part in one view, in which its outline and its pose were found."""
 
     part: int
-    view: OutlinedView
-    T_world_part_measured: FloatArray
+    view: PicturedView
+    pose: ViewPose
+    view_count: int
+    kept: Kept
+
+    @property
+    def T_world_part_measured(self) -> FloatArray:
+        """The pose measured (4, 4)."""
+        return self.pose.T_world_part_measured
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _PoseOrder:
+    """An order for the poses of a part in all its views."""
+
+    views: ViewSet
+    settings: PoseSettings
+    kept: Kept
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _ViewOrder:
+    """An order for a learned view: the CAD model, and the parts that show it alike."""
+
+    part: PosedPart
+    samples: SurfaceSamples
+    middle: FloatArray
+    group: tuple[_Shown, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _ViewLearned:
+    """A learned view, None where too few pictures could be used; each part judged by the others."""
+
+    view: LearnedView | None = None
+    results: tuple[tuple[int, ViewResult], ...] = ()
 
 
 def learn(
     parts: Sequence[GoodPart],
     settings: PoseSettings | None = None,
     told: Callable[[str], None] = lambda words: None,
+    spread: Spread = map,
 ) -> Lesson:
     """Return what good parts look like.
 
@@ -125,6 +164,7 @@ def learn(
     parts : of one CAD model, with their pictures
     settings : what is known of arm, parts and light before the pictures
     told : hears what is done
+    spread : how functions are called with orders, as `map` does: other processes may
 
     Raises
     ------
@@ -132,7 +172,8 @@ def learn(
     """
     settings = settings or PoseSettings()
     left: list[GoodPart] = list(parts)
-    posed: dict[str, PosedViews] = {}
+    kept = {one.name: Kept() for one in left}
+    posed: dict[str, Mapping[str, ViewPose]] = {}
     left_out: list[Tried] = []
     while True:
         if len(left) < MIN_PARTS:
@@ -140,8 +181,16 @@ def learn(
             raise TooFewPartsError(
                 f"{len(left)} good parts, {MIN_PARTS} are needed to tell what is usual{named}"
             )
-        posed = posed or {one.name: pose_views(one.views, settings, Kept()) for one in left}
-        lesson = _Lesson(left, [posed[part.name] for part in left], told).lesson()
+        if not posed:
+            orders = [_PoseOrder(one.views, settings, kept[one.name]) for one in left]
+            posed = dict(zip(kept, spread(_poses, orders), strict=True))
+        shown = [
+            _Shown(number, view, pose, len(part.views.views), kept[part.name])
+            for number, part in enumerate(left)
+            for view in part.views.views
+            if (pose := posed[part.name].get(view.task.view_id)) is not None
+        ]
+        lesson = _Lesson(left, shown, told).lesson(spread)
         odd = [one for one in lesson.tried if one.odd]
         if not odd:
             return replace(lesson, left_out=tuple(left_out))
@@ -184,28 +233,28 @@ class _Lesson:
     """One round: learn from parts, and judge each by the others."""
 
     def __init__(
-        self,
-        parts: Sequence[GoodPart],
-        posed: Sequence[PosedViews],
-        told: Callable[[str], None],
+        self, parts: Sequence[GoodPart], shown: Sequence[_Shown], told: Callable[[str], None]
     ) -> None:
-        self._parts, self._posed, self._told = parts, posed, told
+        self._parts, self._shown, self._told = parts, shown, told
         self._samples = parts[0].views.samples
         self._solid = parts[0].views.part.solid
         self._middle = np.asarray(self._solid.centroid_mm, np.float64)
         self._results: list[list[ViewResult]] = [[] for _ in parts]
 
-    def lesson(self) -> Lesson:
+    def lesson(self, spread: Spread) -> Lesson:
         """Return what was learned, with each part judged by the others."""
-        views, unlearned = [], []
-        for group in _alike(self._shown(), self._middle):
-            names = sorted({one.view.task.view_id for one in group})
+        views, groups, unlearned = [], [], []
+        for group in _alike(self._shown, self._middle):
             if len({one.part for one in group}) < MIN_PARTS:
-                unlearned.append(f"{', '.join(names)}: shown alike by {len(group)} parts")
-                continue
-            self._told(f"view {names[0]}, {len(group)} parts")
-            if (view := self._view(group)) is not None:
-                views.append(view)
+                names = ", ".join(sorted({one.view.task.view_id for one in group}))
+                unlearned.append(f"{names}: shown alike by {len(group)} parts")
+            else:
+                groups.append(group)
+        for found in spread(_learn_view, self._orders(groups)):
+            for number, result in found.results:
+                self._results[number].append(result)
+            if found.view is not None:
+                views.append(found.view)
         return Lesson(
             Appearance(tuple(views), self._middle),
             tuple(self._tried(i) for i in range(len(self._parts))),
@@ -213,55 +262,12 @@ class _Lesson:
             tuple(unlearned),
         )
 
-    def _shown(self) -> Iterator[_Shown]:
-        for number, posed in enumerate(self._posed):
-            for view in posed.outlined:
-                pose = posed.pose(view.view.task.view_id)
-                if isinstance(view, OutlinedView) and pose is not None and view.task.lamps:
-                    yield _Shown(number, view, pose.T_world_part_measured)
-
-    def _view(self, group: Sequence[_Shown]) -> LearnedView | None:
-        """Return a learned view, None where too few pictures of it can be used."""
-        some = [
-            (one, held) for one in group if not isinstance(held := self._held(one), NotEvaluated)
-        ]
-        if len(some) < MIN_PARTS:
-            return None
-        shown, helds = [one for one, _ in some], [held for _, held in some]
-        away = _apart(shown, self._middle)
-        mid = int(np.argmin(away.sum(axis=1).sum(axis=1)))
-        base = replace(
-            _grid(helds[mid]),
-            reach_mm=float(away[mid, :, 0].max()),
-            reach_rad=float(away[mid, :, 1].max()),
-            parts=len(some),
-        )
-        onto = [_Onto.of(base, helds[mid], held) for held in helds]
-        pictures: dict[str, LearnedPicture] = {}
-        without: list[dict[str, LearnedPicture]] = [{} for _ in some]
-        for lamp in [lamp.name for lamp in helds[mid].task.lamps]:
-            good = [i for i, held in enumerate(helds) if held.lit.refusal(lamp) == ""]
-            if len(good) < MIN_PARTS:
-                continue
-            found = _learned([onto[i] for i in good], lamp)
-            pictures[lamp] = found.picture
-            for i, mean in zip(good, found.others, strict=True):
-                without[i][lamp] = replace(found.picture, mean=mean)
-        for (one, held), known in zip(some, without, strict=True):
-            others = replace(base, pictures=known, parts=len(some) - 1)
-            self._results[one.part].append(held.result(finish_of(held.lit.polish), others))
-        return replace(base, pictures=pictures)
-
-    def _held(self, one: _Shown) -> ComparedView | NotEvaluated:
-        posed = self._posed[one.part]
-        views = self._parts[one.part].views
-        return compare_view(
-            views.part,
-            views.samples,
-            one.view,
-            posed.pose(one.view.task.view_id),
-            Strictness(view_count=len(views.views)),
-        )
+    def _orders(self, groups: Sequence[Sequence[_Shown]]) -> Iterator[_ViewOrder]:
+        part = self._parts[0].views.part
+        for group in groups:
+            first = min(one.view.task.view_id for one in group)
+            self._told(f"view {first}, {len(group)} parts")
+            yield _ViewOrder(part, self._samples, self._middle, tuple(group))
 
     def _tried(self, number: int) -> Tried:
         results = self._results[number]
@@ -282,7 +288,64 @@ class _Lesson:
         )
 
 
-def _alike(shown: Iterator[_Shown], middle: FloatArray) -> list[list[_Shown]]:
+def _poses(order: _PoseOrder) -> Mapping[str, ViewPose]:
+    """Return the pose of a part in each view that shows its outline and has a lit picture."""
+    posed = pose_views(order.views, order.settings, order.kept)
+    found = {}
+    for view in posed.outlined:
+        pose = posed.pose(view.view.task.view_id)
+        if isinstance(view, OutlinedView) and pose is not None and view.task.lamps:
+            found[view.task.view_id] = pose
+    return found
+
+
+def _learn_view(order: _ViewOrder) -> _ViewLearned:
+    """Return a learned view, and each of its parts judged by the others."""
+    some = [
+        (one, held)
+        for one in order.group
+        if not isinstance(held := _held(order, one), NotEvaluated)
+    ]
+    if len(some) < MIN_PARTS:
+        return _ViewLearned()
+    shown, helds = [one for one, _ in some], [held for _, held in some]
+    away = _apart(shown, order.middle)
+    mid = int(np.argmin(away.sum(axis=1).sum(axis=1)))
+    base = replace(
+        _grid(helds[mid]),
+        reach_mm=float(away[mid, :, 0].max()),
+        reach_rad=float(away[mid, :, 1].max()),
+        parts=len(some),
+    )
+    onto = [_Onto.of(base, helds[mid], held) for held in helds]
+    pictures: dict[str, LearnedPicture] = {}
+    without: list[dict[str, LearnedPicture]] = [{} for _ in some]
+    for lamp in [lamp.name for lamp in helds[mid].task.lamps]:
+        good = [i for i, held in enumerate(helds) if held.lit.refusal(lamp) == ""]
+        if len(good) < MIN_PARTS:
+            continue
+        found = _learned([onto[i] for i in good], lamp)
+        pictures[lamp] = found.picture
+        for i, mean in zip(good, found.others, strict=True):
+            without[i][lamp] = replace(found.picture, mean=mean)
+    results = []
+    for (one, held), known in zip(some, without, strict=True):
+        others = replace(base, pictures=known, parts=len(some) - 1)
+        results.append((one.part, held.result(finish_of(held.lit.polish), others)))
+    return _ViewLearned(replace(base, pictures=pictures), tuple(results))
+
+
+def _held(order: _ViewOrder, one: _Shown) -> ComparedView | NotEvaluated:
+    return compare_view(
+        order.part,
+        order.samples,
+        outlined_view(one.kept, one.view),
+        one.pose,
+        Strictness(view_count=one.view_count),
+    )
+
+
+def _alike(shown: Sequence[_Shown], middle: FloatArray) -> list[list[_Shown]]:
     """Return the views that show a part alike, part by part, each in the group of its nearest."""
     groups: list[list[_Shown]] = []
     for one in shown:

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor as Executor
 from importlib import import_module
 from typing import Any
 
 import pytest
 
-from controller.catalogue import Jobs, PoolLostError, open_pool, results_of
+from controller.catalogue import (
+    Jobs,
+    PoolLostError,
+    TaskPool,
+    in_order,
+    open_pool,
+    results_of,
+)
 from controller.catalogue.cluster import MAX_DEATHS, Cluster, WorkerEndedError
 from controller.catalogue.software import software_here
 from controller.config import ConfigError
@@ -54,6 +62,7 @@ class Scheduler:
         self.open: list[tuple[Remote, set[str]]] = []
         self.given: list[tuple[str, ...]] = []
         self.is_lost = False
+        self.backwards = False  # the last task that a worker has is the first it does
         self.kills: Callable[[Remote], bool] = lambda _: False
 
     def nthreads(self) -> dict[str, int]:
@@ -63,6 +72,7 @@ class Scheduler:
             self.there = self.moments.pop(0)
         for worker in list(self.there):
             mine = [one for one, workers in self.open if worker in workers and not one.done()]
+            mine = mine[::-1] if self.backwards else mine
             if mine and self.kills(mine[0]):
                 self.there = {f"{worker}'": self.there[worker]}  # a nanny starts another
             elif mine:
@@ -177,6 +187,21 @@ def test_what_is_cancelled_by_nobody_here_means_a_lost_scheduler() -> None:
     scheduler.open[0][0].cancel()
     with pytest.raises(PoolLostError, match="went away"):
         cluster.wait([future])
+
+
+def test_results_come_in_the_order_of_the_orders() -> None:
+    scheduler = Scheduler({"a": SAME}, {"a": SAME, "b": SAME})
+    cluster = Cluster(scheduler, "tcp://here:1", lambda _: None)
+    scheduler.backwards = True
+    assert list(in_order(cluster, _square, range(9))) == [n**2 for n in range(9)]
+
+
+def test_the_first_error_ends_what_is_in_order() -> None:
+    with TaskPool(Executor(2), 2).executor as executor:
+        results = in_order(TaskPool(executor, 2), _inverse, [2, 1, 0, 4])
+        assert [next(results), next(results)] == [0.5, 1.0]
+        with pytest.raises(ZeroDivisionError):
+            next(results)
 
 
 def test_one_order_that_fails_leaves_the_others() -> None:

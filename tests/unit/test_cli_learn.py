@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import learned_sets
+import numpy as np
 import pytest
 import stored_run
 import view_sets
 from cad_solids import box, mesh_of
 from shown_part import perfect
 
+from controller.catalogue import PoolLostError
 from controller.cell.journal import JOURNAL_NAME, Journal, append_beside, rows
 from controller.cli import main
 from controller.config.view_set import load_view_set
@@ -29,7 +31,7 @@ from controller.stored import (
     read_learned,
     read_pictures,
 )
-from controller.stored.learned_file import BY_VERDICT
+from controller.stored.learned_file import BY_VERDICT, HEADER
 
 RUN = "20260314-092641-512-shown"
 PART_COUNT = 6
@@ -85,6 +87,40 @@ def test_the_output_is_one_object_for_machines(
     assert (body["views"], body["pictures"]) == (1, 2)
     assert all(0 < part["compared"] <= part["in_sight"] < 1 for part in body["parts"])
     assert read_learned(out).header.software
+
+
+def test_two_processes_learn_what_one_does(
+    sets: list[Path], learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "two.learned"
+    odd = learned_sets.write(tmp_path / "odd", 90, "blank")
+    for jobs in ("1", "2"):
+        file = str(out.with_stem(f"by_{jobs}"))
+        assert main(["learn", *words([*sets, odd]), "-o", file, "--jobs", jobs, "--json"]) == 0
+    one, two = (json.loads(line) for line in capsys.readouterr().out.splitlines())
+    assert [part["name"] for part in one["left_out"]] == [str(odd)]
+    for name in ("parts", "left_out", "unlearned", "views", "pictures"):
+        assert one[name] == two[name]
+    arrays = [np.load(out.with_stem(f"by_{jobs}"), allow_pickle=False) for jobs in ("1", "2")]
+    assert arrays[0].files == arrays[1].files
+    for name in set(arrays[0].files) - {HEADER}:  # which has the time
+        assert arrays[0][name].tobytes() == arrays[1][name].tobytes()
+
+
+def test_processes_that_end_early_leave_no_file(
+    sets: list[Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def lost(*_: object) -> None:
+        raise PoolLostError("the Dask scheduler at tcp://here:1 went away")
+
+    monkeypatch.setattr("controller.cli.learning.learned_parts.in_order", lost)
+    out = tmp_path / "a.learned"
+    assert main(["learn", *words(sets), "-o", str(out)]) == 1
+    assert "tcp://here:1 went away" in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_a_part_that_differs_is_named_and_left_out(

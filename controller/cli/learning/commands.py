@@ -7,7 +7,7 @@ import typer
 
 from controller.loading import loading
 
-from ..options import JsonOption
+from ..options import JobsOption, JsonOption
 
 
 def learn(
@@ -36,6 +36,7 @@ def learn(
             help="recipe (YAML, or a name as in `run`) whose part is learned, with the limits",
         ),
     ] = None,
+    jobs: JobsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Learn what good parts look like.
@@ -48,6 +49,9 @@ def learn(
     if (runs is not None) != accepted:
         raise typer.BadParameter("--runs and --accepted go together")
     with loading():
+        from controller.catalogue import jobs_among
+
         from .learned_parts import learn_parts
 
-    raise typer.Exit(learn_parts(sets or (), runs, recipe, output, as_json=json))
+    asked = jobs_among(jobs)
+    raise typer.Exit(learn_parts(sets or (), runs, recipe, output, asked, as_json=json))

@@ -5,11 +5,13 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from controller.cad import Solid
 from controller.cad.compiled import CompiledPart
+from controller.catalogue import Jobs, in_order, open_pool
 from controller.cell.journal import rows
 from controller.config import ConfigError, Recipe, find_recipe, load_recipe, split_cad
 from controller.config.view_set import ViewSetFile, load_view_set
@@ -35,6 +37,7 @@ from controller.stored import (
 )
 from controller.stored.learned_file import BY_VERDICT, SCHEMA
 
+from ..inputs.ahead import told_of_workers
 from ..inputs.checks import check_writable_folder, require_files
 from ..inputs.run_pictures import bring_back
 from ..terminal.output import emit, print_line, warn
@@ -75,6 +78,7 @@ def learn_parts(
     runs: Path | None,
     recipe_path: Path | None,
     output: Path,
+    jobs: Jobs,
     *,
     as_json: bool,
 ) -> int:
@@ -86,6 +90,7 @@ def learn_parts(
     runs : folder of runs, whose accepted parts are taken; None for `sets`
     recipe_path : recipe whose part is learned, with the limits; None for that of the first part
     output : file to write
+    jobs : processes that learn
     as_json : print one JSON object instead of lines
 
     Returns
@@ -96,6 +101,7 @@ def learn_parts(
     ------
     ConfigError : too few good parts, of different CAD files, or a file is wrong, or the output
         cannot be written
+    PoolLostError : the processes ended early; nothing is written
     """
     if output.is_dir():
         raise ConfigError(f"-o {output}: is a directory; name a file in it")
@@ -111,7 +117,12 @@ def learn_parts(
         )
     parts, part, digest = _read(sources, recipe, wanted, as_json=as_json)
     try:
-        lesson = learn(parts, told=lambda words: None if as_json else print_line(f"  {words}"))
+        with open_pool(jobs, told_of_workers) as pool:
+            lesson = learn(
+                parts,
+                told=lambda words: None if as_json else print_line(f"  {words}"),
+                spread=partial(in_order, pool),
+            )
     except TooFewPartsError as error:
         raise ConfigError(f"nothing learned: {error}") from error
     if not lesson.appearance.views:

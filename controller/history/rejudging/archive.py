@@ -26,6 +26,8 @@ SOURCE: Final = PARTS.join(RUNS).join(JOURNALS)
 # the oldest first, in any store: keys of the store are in the order in which it was filled
 IN_ORDER: Final = (PARTS.c.start, RUNS.c.run_id, PARTS.c.number)
 
+OF_FILES: Final = (rows.PartInspected.row_name, rows.FilesStored.row_name)
+
 
 @dataclass(frozen=True, slots=True)
 class NewJudging:
@@ -159,7 +161,8 @@ def _with_files(
     archive: Archive, journal: Path, run: str, parts: Sequence[Any]
 ) -> Iterator[ArchivedPart]:
     try:
-        found = rows_of_parts(journal, run, [part.number for part in parts])
+        numbers = [part.number for part in parts]
+        found = rows_of_parts(journal, run, numbers, names=OF_FILES)
     except (JournalError, ResultsError) as error:
         raise HistoryError(str(error)) from error
     views: dict[int | None, str] = {}

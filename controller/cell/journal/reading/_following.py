@@ -170,7 +170,11 @@ def parts_of(path: Path, run: str) -> tuple[int, ...]:
 
 
 def rows_of_parts(
-    path: Path, run: str, parts: Collection[int], last_seq: int | None = None
+    path: Path,
+    run: str,
+    parts: Collection[int],
+    last_seq: int | None = None,
+    names: Collection[str] = (),
 ) -> list[Row]:
     """Return the rows of a run about some of its parts or about none, in order.
 
@@ -180,6 +184,7 @@ def rows_of_parts(
     run : its id
     parts : numbers of the parts
     last_seq : rows after this one are left out; None for no such row
+    names : names of the rows; all if empty
 
     Raises
     ------
@@ -188,12 +193,16 @@ def rows_of_parts(
     marks = ", ".join("?" for _ in parts)
     columns = "seq, t_utc, t_mono, run, part, kind, name, body"
     where = f"run = ? AND seq <= ? AND (coalesce(part, 0) = 0 OR part IN ({marks}))"
+    if names:
+        where += f" AND name IN ({', '.join('?' for _ in names)})"
     # nothing but question marks is put into it
     query = f"SELECT {columns} FROM journal WHERE {where} ORDER BY seq"  # nosec B608
 
     def read(db: sqlite3.Connection) -> list[Row]:
         until = 2**62 if last_seq is None else last_seq
-        return [_row(found) for found in db.execute(query, tuple(chain((run, until), parts)))]
+        return [
+            _row(found) for found in db.execute(query, tuple(chain((run, until), parts, names)))
+        ]
 
     return _read(path, read)
 
