@@ -254,7 +254,7 @@ def rejudge(
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Judge the archive anew by another recipe and list the parts that turned.
+    """Judge an archive anew and list the parts that turned.
 
     Judges stored pictures, which must be those of the journal. Results go into the store alone; an
     interrupted command goes on where it stopped.
