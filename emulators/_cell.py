@@ -16,6 +16,7 @@ from emulators.added import AddedParts
 from emulators.as_built import as_drawn, draw_as_built
 from emulators.camera_v4l2 import CameraConfig, CameraServer, PixelFormat, V4l2Device
 from emulators.clock import SharedClock, WorldClock
+from emulators.codes import codes_of
 from emulators.faults import CameraPlugs, SupplyChange, Verbs
 from emulators.gripper_modbus import RobotiqDevice
 from emulators.gripper_onrobot import RgDevice
@@ -42,7 +43,9 @@ from emulators.world import (
     Rest,
     World,
     build_scene,
+    coded,
     load_solid,
+    part_surface,
     read_layout,
     tray_of,
 )
@@ -80,6 +83,8 @@ class CellOptions:
         the tray and brought the next part of a kind that the seed draws; 0 for further parts
     on_table : parts on the table at a time, the others wait; None for all
     as_built : seed of how the cell differs from its file; None for not at all
+    code : code on each part, as ``KIND:TEXT``; final digits count up with each one that is brought;
+        empty for none
     surfaces : surfaces of parts in pictures; None for machined where the cell is as built, else
         plain
     is_on_wall_clock : time waits neither for clients nor for pictures, as in a real cell
@@ -100,6 +105,7 @@ class CellOptions:
     as_built: int | None = None
     surfaces: Literal["plain", "machined"] | None = None
     is_on_wall_clock: bool = False
+    code: str = ""
 
     @property
     def finish_seed(self) -> int | None:
@@ -209,6 +215,9 @@ class Cell:
         self._drop_parts(options)
         scene = build_scene(self.layout, self.solids, options.finish_seed)
         self.desk = PictureDesk(scene, self, seed, reap)
+        self._codes = codes_of(options.code)
+        for index in range(len(self.solids)):
+            self._mark(index)
         self.added = AddedParts(self.world, self.desk)
         self._shared_clock: SharedClock | None = None
         if clock is None:
@@ -476,7 +485,14 @@ class Cell:
         if waiting and at_work < room:
             index = int(self._feed_rng.choice(waiting))
             self._feed_left[index] -= 1
+            self._mark(index)
             self.world.place(index, self._kept_apart(index, self.world.draw(index)))
+
+    def _mark(self, index: int) -> None:
+        """Put the next code on a part, where parts have one: what is brought again is another."""
+        if self._codes is not None:
+            plain = part_surface(f"part {index}", self.solids[index])
+            self.desk.add(coded(plain, self._codes.next()))
 
     def _empty_trays(self) -> None:
         """Empty a tray without nests once the arm holds another part."""

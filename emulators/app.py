@@ -86,6 +86,13 @@ def build_parser() -> argparse.ArgumentParser:
         help="how parts look: even, or with tool marks, dust, oil film and light from wall to wall "
         "(default: machined with --as-built, else plain)",
     )
+    parser.add_argument(
+        "--code",
+        default="",
+        metavar="KIND:TEXT",
+        help="code on each part, data_matrix or qr, on the plane with most room; the final "
+        "digits of the text count up with each part that is brought",
+    )
     at_rest = parser.add_mutually_exclusive_group()
     at_rest.add_argument(
         "--pose",
@@ -152,6 +159,7 @@ def options_of(args: argparse.Namespace) -> CellOptions:
         as_built=args.as_built,
         surfaces=args.surfaces,
         is_on_wall_clock=args.wall_clock,
+        code=args.code,
     )
 
 

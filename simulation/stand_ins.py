@@ -296,6 +296,7 @@ class StandIns(Compute):
         backlit: Grey,
         lit: Mapping[str, Grey],
         is_hold_measured: bool,
+        codes_mm: tuple[Array, ...] = (),
     ) -> Located:
         """Return the part's place in the picture, if it is near the expected one."""
         await self._take("locate")
@@ -318,6 +319,7 @@ class StandIns(Compute):
         backlit: Grey,
         lit: Mapping[str, Grey],
         is_hold_measured: bool,
+        codes_mm: tuple[Array, ...] = (),
     ) -> inspecting.ViewResult:
         """Return the view of the part at its true place in the gripper."""
         await self._take("inspect")
@@ -338,7 +340,12 @@ class StandIns(Compute):
         return found if reason else replace(found, shift_mm=shift, turn_rad=turn)
 
     async def inspect_on_table(
-        self, view_id: str, T_world_part: Array, backlit: Grey, lit: Mapping[str, Grey]
+        self,
+        view_id: str,
+        T_world_part: Array,
+        backlit: Grey,
+        lit: Mapping[str, Grey],
+        codes_mm: tuple[Array, ...] = (),
     ) -> inspecting.ViewResult:
         """Return the table camera's view of the part at its true place."""
         await self._take("inspect")

@@ -43,6 +43,20 @@ class SerialCodeSection(Section):
         """
         return fields.get(self.field) if self.field else text
 
+    @property
+    def example(self) -> str:
+        """What such a code may say: a first number, for emulated parts; empty for ISO 15434."""
+        form = (self.form or "E####").replace("@", "A")
+        form = form[:-1] + "####" if form.endswith("*") else form
+        number = form.replace("*", "")
+        head = number.rstrip("#")
+        if len(number) > len(head):
+            number = f"{head}{1:0{len(number) - len(head)}d}"
+        number = number.replace("#", "0")
+        if not self.field:
+            return number
+        return f"({self.field}){number}" if self.field.isdigit() else ""
+
     def why_not(self, number: str) -> str:
         """Return the reason why a number is not of the recipe's form; empty if it is."""
         form = "".join(_SIGNS.get(sign, re.escape(sign)) for sign in self.form)

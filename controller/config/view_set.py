@@ -34,6 +34,7 @@ JSON_DIALECT: Final = replace(
         "string_type": "must be text in quotes",
     },
 )
+MIN_CODE_MM2: Final = 1e-4  # area of a code, below which its corners are in line
 MAX_NUMBER: Final = 1e9  # largest number of a matrix: beyond any focal length or position in a cell
 
 Rows = tuple[tuple[float, ...], ...]
@@ -81,6 +82,14 @@ def _rigid(rows: Rows) -> Rows:
     return rows
 
 
+def _square(rows: Rows) -> Rows:
+    """Return the corners of a code; raise ValueError if they are in line."""
+    first, second, _, fourth = np.array(rows)
+    if np.linalg.norm(np.cross(second - first, fourth - first)) < MIN_CODE_MM2:
+        raise ValueError("must be four corners in turn, not in line")
+    return rows
+
+
 def _camera_matrix(rows: Rows) -> Rows:
     """Return a camera matrix; raise ValueError if it is none."""
     (fx, skew, _), (lower, fy, _), last = rows
@@ -90,6 +99,7 @@ def _camera_matrix(rows: Rows) -> Rows:
 
 
 PoseRows = Annotated[Rows, _matrix(4, 4), AfterValidator(_rigid)]
+CodeRows = Annotated[Rows, _matrix(4, 3), AfterValidator(_square)]
 Name = Annotated[str, Field(min_length=1, max_length=80)]
 HalfEdge = Annotated[float, Field(gt=0, le=5000)]
 
@@ -208,6 +218,8 @@ class ViewSetFile(Section):
     accuracy : uncertainty of measurements with this camera
     calibration : calibrations of the cell that no longer counted when the pictures were taken
     learned : file of what good parts look like, which decides on surfaces (default: none)
+    codes_mm : corners of codes on the part, in turn, in the CAD frame; nothing is compared there
+        (default: none)
     """
 
     schema_: Literal["cellctl.views/1"] = Field(alias="schema")
@@ -223,6 +235,7 @@ class ViewSetFile(Section):
     accuracy: AccuracySection = AccuracySection()
     calibration: SetCalibration = SetCalibration()
     learned: Path | None = None
+    codes_mm: Annotated[tuple[CodeRows, ...], Field(max_length=20)] | None = None
 
     @model_validator(mode="after")
     def _rings_have_a_radius(self) -> "ViewSetFile":

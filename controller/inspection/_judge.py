@@ -6,7 +6,7 @@ self-check made good by another view; and no finding. A fail needs two looks tha
 explain. All else is indeterminate, with the reasons (docs/adr/0017).
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
@@ -112,7 +112,7 @@ class PartVerdict:
     short_faces : ids of faces compared too little, which prevents a PASS
     compared_U : expanded uncertainty (k = 2) of `compared_fraction`, from the samples' spacing
     verified_fraction : share of what can be seen that is compared, or on a face that its edges
-        verify; faces that the recipe leaves out count where they are compared
+        verify; faces that the recipe leaves out count where they are compared, and codes not at all
     """
 
     verdict: Verdict
@@ -186,7 +186,9 @@ def judge(
         )
         for i in range(len(solid.faces))
     )  # fmt: skip
-    verified_share = _verified(samples, faces, compared, in_sight, planned, not_inspected)
+    is_asked = ~np.isin(samples.face_ids, list(not_inspected))
+    is_asked &= excuses != Unjudged.CODE.number
+    verified_share = _verified(samples, faces, compared, in_sight, planned, is_asked)
     claim = _claim(evaluated)
     short = [
         f
@@ -286,10 +288,9 @@ def _verified(
     compared: BoolArray,
     in_sight: BoolArray,
     planned: Mapping[str, BoolArray],
-    left_out: Collection[int],
+    is_asked: BoolArray,
 ) -> float:
-    """Return the share of what can be seen that is verified; see `PartVerdict`."""
-    is_asked = ~np.isin(samples.face_ids, list(left_out))
+    """Return the share of what can be seen, and is asked for, that is verified (`PartVerdict`)."""
     can_be_seen = (in_sight | _any(samples, iter(planned.values()))) & is_asked | compared
     by_edges = np.isin(samples.face_ids, [f.face_id for f in faces if f.is_by_edges])
     whole = float(samples.areas_mm2[can_be_seen].sum())

@@ -35,6 +35,7 @@ class Unjudged(StrEnum):
     LIGHT = "lit in a way that the prediction does not know: another lamp or view is needed"
     EDGE = "too near to an edge for the smallest defect to show whole"
     LAMP = "in pictures that failed their self-check"
+    CODE = "on the code with the serial number, or close beside it"
 
     @property
     def number(self) -> int:
@@ -142,6 +143,7 @@ class ViewTask:
     limits : tolerances
     is_hold_measured : True if the expected pose was measured in an earlier view under this grasp,
         to a fraction of a millimetre; otherwise it is the planned pose
+    codes_mm : corners (4, 3) of codes on the part, in turn, CAD frame; nothing is compared there
     """
 
     view_id: str
@@ -152,6 +154,7 @@ class ViewTask:
     lamps: tuple[PointLamp, ...]
     limits: InspectionLimits
     is_hold_measured: bool = False
+    codes_mm: tuple[FloatArray, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, slots=True)

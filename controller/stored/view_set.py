@@ -104,8 +104,12 @@ def _held(
 
 
 def _all_of(file: ViewSetFile, view: SetView) -> tuple[str, ...]:
-    """Return all that a set states of a view except its camera: its own entry, and its lamps'."""
-    return view.model_dump_json(), *(file.lamps[lamp].model_dump_json() for lamp in view.pictures)
+    """Return all that a set states of a view except its camera: its own entry, lamps and codes."""
+    return (
+        view.model_dump_json(),
+        repr(file.codes_mm),
+        *(file.lamps[lamp].model_dump_json() for lamp in view.pictures),
+    )
 
 
 def grasp_numbers(file: ViewSetFile) -> dict[str, int]:
@@ -216,6 +220,7 @@ def _task(file: ViewSetFile, view: SetView, camera: Camera, limits: InspectionLi
         ),
         limits=limits,
         is_hold_measured=view.is_hold_measured,
+        codes_mm=tuple(np.array(corners) for corners in file.codes_mm or ()),
     )
 
 

@@ -27,6 +27,7 @@ from .pictures import (
     Scene,
     board_surface,
     build_scene,
+    coded,
     part_surface,
 )
 
@@ -52,6 +53,7 @@ __all__ = [
     "World",
     "board_surface",
     "build_scene",
+    "coded",
     "load_solid",
     "part_pose",
     "part_surface",

@@ -347,7 +347,7 @@ class PaperCompute:
         return (LAYOUT.park_q,)
 
     async def locate(
-        self, view: str, expected: Any, holder: Any, backlit: Any, lit: Any, is_measured: bool
+        self, view: str, expected: Any, holder: Any, backlit: Any, *more: object
     ) -> Located:
         name = re.sub(r"~\d+$", "", view)
         in_hand = backlit[0, 0] == 255 and name not in self.blind
@@ -376,7 +376,7 @@ class PaperCompute:
             outline_px=np.zeros((0, 2)),
         )  # fmt: skip
 
-    async def inspect_on_table(self, view: str, T: Any, glowing: Any, lit: Any) -> ViewResult:
+    async def inspect_on_table(self, view: str, T: Any, *more: object) -> ViewResult:
         self.shown.append(re.sub(r"~\d+$", "", view))
         return ViewResult(view, True, "", T, T, 0.0, 0.0, 0.0, (), mask(8, 9), np.zeros((0, 2)))
 

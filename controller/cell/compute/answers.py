@@ -133,7 +133,9 @@ def read_codes(
             corners_px = code.corners_px + np.array((x0, y0))
             corners_mm = _on_part(c, maps, T_world_part, camera, corners_px)
             if (corners_mm is None) == (asked.at == "beside"):
-                found.setdefault(code.text, SeenCode(code.text, code.fields, number, corners_mm))
+                found.setdefault(
+                    code.text, SeenCode(code.text, dict(code.fields), number, corners_mm)
+                )
     return tuple(found.values())
 
 
@@ -465,6 +467,7 @@ def locate(
     backlit: Grey,
     lit: Mapping[str, Grey],
     is_hold_measured: bool,
+    codes_mm: tuple[FloatArray, ...] = (),
 ) -> Located:
     """Return the pose of the part in the arm gripper, as located in one view.
 
@@ -478,10 +481,12 @@ def locate(
     holder : objects of the cell that may be in the picture
     backlit, lit : pictures in front of the backlight panel, and by lamp
     is_hold_measured : an earlier view has confirmed how the part is held
+    codes_mm : corners (4, 3) of codes on the part, CAD frame
     """
     task = held_task(
-        context(job), view_id, T_world_part, holder, tuple(lit), is_hold_measured=is_hold_measured
-    )
+        context(job), view_id, T_world_part, holder, tuple(lit),
+        is_hold_measured=is_hold_measured, codes_mm=codes_mm,
+    )  # fmt: skip
     pictures = inspecting.ViewPictures(backlit=backlit, lit=lit)
     found = inspecting.locate_view(context(job).posed, task, pictures)
     _located[_view_key(job, view_id, T_world_part, backlit)] = found
@@ -510,6 +515,7 @@ def inspect(
     backlit: Grey,
     lit: Mapping[str, Grey],
     is_hold_measured: bool,
+    codes_mm: tuple[FloatArray, ...] = (),
 ) -> inspecting.ViewResult:
     """Return the result of one view of the part in the arm gripper.
 
@@ -521,16 +527,23 @@ def inspect(
     holder : objects of the cell that may be in the picture
     backlit, lit : pictures in front of the backlight panel, and by lamp
     is_hold_measured : an earlier view has confirmed how the part is held
+    codes_mm : corners (4, 3) of codes on the part, CAD frame
     """
     task = held_task(
-        context(job), view_id, T_world_part, holder, tuple(lit), is_hold_measured=is_hold_measured
-    )
+        context(job), view_id, T_world_part, holder, tuple(lit),
+        is_hold_measured=is_hold_measured, codes_mm=codes_mm,
+    )  # fmt: skip
     located = _located.pop(_view_key(job, view_id, T_world_part, backlit), None)
     return _inspected(context(job), task, backlit, lit, located)
 
 
 def inspect_on_table(
-    job: Job, view_id: str, T_world_part: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
+    job: Job,
+    view_id: str,
+    T_world_part: FloatArray,
+    backlit: Grey,
+    lit: Mapping[str, Grey],
+    codes_mm: tuple[FloatArray, ...] = (),
 ) -> inspecting.ViewResult:
     """Return the table pictures' result as a view; nothing hides the part there.
 
@@ -540,9 +553,10 @@ def inspect_on_table(
     view_id : id of the view
     T_world_part : (4, 4) pose of the part
     backlit, lit : pictures of the light table, and by lamp
+    codes_mm : corners (4, 3) of codes on the part, CAD frame
     """
     c = context(job)
-    return _inspected(c, table_task(c, view_id, T_world_part, tuple(lit)), backlit, lit)
+    return _inspected(c, table_task(c, view_id, T_world_part, tuple(lit), codes_mm), backlit, lit)
 
 
 def _inspected(

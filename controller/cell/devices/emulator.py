@@ -66,6 +66,7 @@ def emulator_args(
     surfaces: str | None = None,
     *,
     is_on_wall_clock: bool = False,
+    code: str = "",
 ) -> tuple[str, ...]:
     """Return the emulator's options for the first part's pose, for faults, and for the cell.
 
@@ -78,6 +79,7 @@ def emulator_args(
     as_built : seed of how the emulated cell differs from its file, None for not at all
     surfaces : surfaces of the parts in pictures, "plain" or "machined"; None: as `as_built` has it
     is_on_wall_clock : its time runs on while clients or pictures are late
+    code : code on the first part, as ``KIND:TEXT``; empty for parts without one
     """
     more: list[str] = [] if as_built is None else ["--as-built", str(as_built)]
     if is_on_wall_clock:
@@ -89,6 +91,8 @@ def emulator_args(
         more += [f"--orientation={numbers}"]
     if at is not None:
         more += [f"--at={at}"]  # in one word, since the value may begin with a minus
+    if code:
+        more += [f"--code={code}"]
     if control is not None:
         more += ["--control", str(control)]
     return tuple(more)

@@ -240,10 +240,20 @@ def _emulator_command(options: RunOptions, asked: _Asked) -> list[str]:
         options.as_built,
         options.surfaces,
         is_on_wall_clock=options.is_on_wall_clock,
+        code=_emulated_code(asked.ordered),
     )
     return emulator_command(
         asked.cell_file, parts, speed=options.speed, seed=seed, more=(*placed, *fed)
     )
+
+
+def _emulated_code(ordered: Sequence[OrderedRecipe]) -> str:
+    """Return the first code on emulated parts, as the first recipe with one asks; else empty."""
+    for one in ordered:
+        asked = one.recipe.serial_code
+        if asked is not None and asked.at == "part" and asked.example:
+            return f"{asked.code}:{asked.example}"
+    return ""
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, Float32Array, Grey
 from controller.cad import SurfaceSamples
-from controller.imaging import ViewMaps, transform
+from controller.imaging import ViewMaps, inverse_pose, transform
 from controller.recognition.fitting import ModelEdgePoints, predict_edges
 
 from .._connected import connected_findings, grow
@@ -29,6 +29,7 @@ from ..registration import (
 from .bounce import Neighbours, find_neighbours
 from .brightness import Brightness, fit_brightness
 from .claims import near_own_face, share_of_face
+from .coded import on_code
 from .compare import (
     BURNT_GREY,
     FITTED_COUNT,
@@ -151,10 +152,20 @@ class LitPictures:
 
     @cached_property
     def _free(self) -> BoolArray:
-        """Nodes (h, w) on the part, off the gripper."""
+        """Nodes (h, w) on the part, off the gripper and off codes."""
         x0, y0, x1, y1 = self._fit.maps.roi
         unheld = ~self._scene.holder_mask[y0:y1:STEP_PX, x0:x1:STEP_PX]
-        return np.asarray(self._inside[::STEP_PX, ::STEP_PX] & unheld)
+        return np.asarray(self._inside[::STEP_PX, ::STEP_PX] & unheld & ~self._coded)
+
+    @cached_property
+    def _coded(self) -> BoolArray:
+        """Nodes (h, w) on codes."""
+        on: BoolArray = np.zeros(self._surface.seen.shape, dtype=bool)
+        if self._task.codes_mm:
+            points = transform(inverse_pose(self._fit.T_world_part), self._surface.points)
+            masks = [on_code(points, corners) for corners in self._task.codes_mm]
+            on[self._surface.seen] = np.logical_or.reduce(masks)
+        return on
 
     @cached_property
     def _edges(self) -> ModelEdgePoints:
@@ -554,12 +565,13 @@ class LitPictures:
         light = share_of_face(outcome.compared, self._surface.face, size) >= DISC_SHARE
         light &= outcome.compared
         inside, v, u = self._at_samples
-        shown = (whole[v, u] | light[v, u]) & (self._flattest < 1.0)
+        coded = self._coded[v, u]
+        shown = (whole[v, u] | light[v, u]) & (self._flattest < 1.0) & ~coded
         compared = self._none()
         code = np.zeros(len(inside), dtype=np.uint8)
         compared[inside] = shown
         edge = Unjudged.EDGE.number
-        reason = outcome.reason[v, u]
+        reason = np.where(coded, Unjudged.CODE.number, outcome.reason[v, u])
         code[inside] = np.where(shown, 0, np.where(reason == 0, edge, reason))
         return compared, code
 

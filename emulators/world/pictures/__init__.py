@@ -1,7 +1,7 @@
 """The pictures of the emulated cell's cameras, drawn in a process of their own."""
 
 from .desk import PictureDesk
-from .geometry import Scene, board_surface, build_scene, part_surface
+from .geometry import Scene, board_surface, build_scene, coded, part_surface
 from .worker import Order, Picture, PictureMaker
 
 __all__ = [
@@ -12,5 +12,6 @@ __all__ = [
     "Scene",
     "board_surface",
     "build_scene",
+    "coded",
     "part_surface",
 ]

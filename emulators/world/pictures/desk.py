@@ -154,8 +154,8 @@ class PictureDesk:
             self._connection.send(Standpoint(number, cameras[number].T_world_cam))
 
     def add(self, surface: Surface) -> None:
-        """Take one more movable object; pictures noted from now on show it."""
-        self._scene = replace(self._scene, moving=(*self._scene.moving, surface))
+        """Take one more movable object, or another look of one; pictures from now on show it."""
+        self._scene = self._scene.with_mover(surface)
         if self._connection is not None:
             self._connection.send(surface)
 

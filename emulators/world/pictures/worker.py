@@ -78,8 +78,10 @@ class PictureMaker:
         self._parts: dict[str, MachinedPart] = {}
 
     def add(self, surface: Surface) -> None:
-        """Take one more thing that moves."""
-        self._scene = replace(self._scene, moving=(*self._scene.moving, surface))
+        """Take one more thing that moves, or one that looks otherwise now."""
+        self._scene = self._scene.with_mover(surface)
+        self._last.clear()
+        self._parts.pop(surface.name, None)
         for eye in self._eyes.values():
             eye.add(surface)
 

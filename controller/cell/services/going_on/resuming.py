@@ -152,6 +152,10 @@ def _part(left: Interrupted) -> PartRecord:
         part.neighbours = left.neighbours
         if left.is_ambiguous:
             part.alternatives = part.sighting.ambiguous_with
+    part.code = None if left.identified is None else left.identified.code
+    if part.code is not None and not part.code.picture.startswith(".."):
+        picture = f"../{left.run}/{part.code.picture}"  # that run's folder is beside this one's
+        part.code = part.code.model_copy(update={"picture": picture})
     part.recoveries = [
         Recovery(PartFault(one.fault), one.reason, Act(one.act)) for one in left.recoveries
     ]

@@ -68,6 +68,7 @@ def judge_held(
     backlit: Grey,
     lit: Mapping[str, Grey],
     by_then: PartInGripper | None = None,
+    codes_mm: tuple[FloatArray, ...] = (),
 ) -> Shown:
     """Begin to judge a view of the held part; return it.
 
@@ -81,11 +82,12 @@ def judge_held(
     q : (6,) joints of the arm
     backlit, lit : pictures before the backlight panel, and by lamp
     by_then : grasp as known at that time; None for the one in `hold`
+    codes_mm : corners (4, 3) of codes that are known to be on the part, CAD frame
     """
     known = hold if by_then is None else by_then
     expected = shown_pose(layout, q, known.T_part_tcp)
     holder = holder_boxes(layout, q, known.opening_mm)
-    asked = (view, expected, holder, backlit, lit, known.is_measured)
+    asked = (view, expected, holder, backlit, lit, known.is_measured, codes_mm)
     located = begin(compute.locate(*asked))
     return Shown(
         view=view,
@@ -110,6 +112,7 @@ def judge_on_table(
     planned: BoolArray,
     backlit: Grey,
     lit: Mapping[str, Grey],
+    codes_mm: tuple[FloatArray, ...] = (),
 ) -> Shown:
     """Begin to judge pictures of the table as a view of the part at rest on it; return it.
 
@@ -121,11 +124,12 @@ def judge_on_table(
     T_world_part : (4, 4) pose of the part as recognised
     planned : (n,) the samples that count: those that the plan has this view resolve
     backlit, lit : pictures of the light table, and by lamp
+    codes_mm : corners (4, 3) of codes that are known to be on the part, CAD frame
     """
     inspect = compute.inspect_on_table  # of this part's recipe, whenever it is asked
 
     async def counted() -> ViewResult:
-        found = await background.put(inspect, view, T_world_part, backlit, lit)
+        found = await background.put(inspect, view, T_world_part, backlit, lit, codes_mm)
         return found.within(planned)
 
     return Shown(

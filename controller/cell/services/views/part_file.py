@@ -122,6 +122,7 @@ class PartFileWriter:
             accuracy=self.cell.accuracy,
             calibration=self.calibration,
             learned=None if learned is None else product.inputs / learned.name,
+            codes_mm=tuple(map(pose_rows, part.codes_mm)),
         )
 
     def _view(self, shown: Shown, number: int, part: PartRecord) -> SetView:

@@ -119,6 +119,7 @@ class StoredViews:
             pictures[STATION_PANEL],
             lit,
             by_then,
+            self.record.part.codes_mm,
         )
 
     def _on_table(self, taken: TakenView, pictures: Mapping[str, Grey]) -> Shown:
@@ -130,7 +131,10 @@ class StoredViews:
         lit = {lamp: pictures[lamp] for lamp in TABLE_LAMPS[:1] if lamp in pictures}
         planned = self.record.part.planned[row.view]
         panel = pictures[TABLE_PANEL]
-        return judge_on_table(self.compute, self.background, row.view, T, planned, panel, lit)
+        codes_mm = self.record.part.codes_mm
+        return judge_on_table(
+            self.compute, self.background, row.view, T, planned, panel, lit, codes_mm
+        )
 
 
 def _read(path: Path) -> Grey:

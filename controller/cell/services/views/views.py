@@ -108,7 +108,15 @@ class Views:
         backlit, lit : pictures before the backlight panel, and by lamp
         """
         shown = judge_held(
-            self._compute, self._background, self._layout, view, hold, q, backlit, lit
+            self._compute,
+            self._background,
+            self._layout,
+            view,
+            hold,
+            q,
+            backlit,
+            lit,
+            codes_mm=self._record.part.codes_mm,
         )
         self._last_held = shown
         self._keep(shown)
@@ -129,8 +137,12 @@ class Views:
         assert sighting is not None
         T = sighting.T_world_part
         assert T is not None
-        shown = judge_on_table(self._compute, self._background, view, T, step.seen, backlit, lit)
-        self._keep(shown)
+        codes_mm = self._record.part.codes_mm
+        self._keep(
+            judge_on_table(
+                self._compute, self._background, view, T, step.seen, backlit, lit, codes_mm
+            )
+        )
 
     def _keep(self, shown: Shown) -> None:
         self._record.part.pending.append(shown)

@@ -4,6 +4,7 @@ Knows no light: `light` does.
 """
 
 from .assembly import Assembly, Mover, without_own_box
+from .coded import coded
 from .edges import BLOCK_PX, Edges, any_in_blocks, fine_blocks, spread
 from .optics import Array32, RayTable, distort, project, undistort
 from .printed import board_surface
@@ -32,6 +33,7 @@ __all__ = [
     "any_in_blocks",
     "board_surface",
     "build_scene",
+    "coded",
     "corner_normals",
     "distort",
     "fine_blocks",

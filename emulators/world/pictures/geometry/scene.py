@@ -5,7 +5,7 @@ The picture process gets this description once, and poses with every order.
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -90,6 +90,11 @@ class Scene:
     owner: NDArray[np.int16]
     moving: tuple[Surface, ...]
     finish_seed: int | None = None
+
+    def with_mover(self, surface: Surface) -> "Scene":
+        """Return the scene with one more thing that moves, in place of one of its name."""
+        others = (one for one in self.moving if one.name != surface.name)
+        return replace(self, moving=(*others, surface))
 
 
 def build_scene(layout: Layout, solids: Sequence[Solid], finish_seed: int | None = None) -> Scene:
@@ -185,7 +190,7 @@ def _fixed(
             holes.append((corners.min(axis=0), corners.max(axis=0)))
     pieces += [_quad(corners, 3, -1) for corners in _table(holes)]
     owner += [np.full(len(piece.faces), -1) for piece in pieces[len(boxes) :]]
-    return _join(pieces), tuple(boxes), np.concatenate(owner).astype(np.int16)
+    return join_surfaces(pieces), tuple(boxes), np.concatenate(owner).astype(np.int16)
 
 
 def _panel_corners(lamp: LampLayout) -> Array:
@@ -241,10 +246,17 @@ def _surface(
     )
 
 
-def _join(pieces: Sequence[Surface]) -> Surface:
+def join_surfaces(pieces: Sequence[Surface], name: str = "") -> Surface:
+    """Return surfaces as one.
+
+    Parameters
+    ----------
+    pieces : in one frame
+    name : name of the pose that moves it; empty if it does not move
+    """
     starts = np.cumsum([0] + [len(piece.vertices_mm) for piece in pieces])
     return Surface(
-        "",
+        name,
         np.vstack([piece.vertices_mm for piece in pieces]),
         np.vstack([p.faces + s for p, s in zip(pieces, starts, strict=False)]).astype(np.int32),
         np.concatenate([piece.normals for piece in pieces]),
