@@ -172,6 +172,13 @@ def test_a_job_that_was_accepted_executes_before_its_run_is_there_and_no_more_be
     assert place_of(free, gone, Place.READY) is Place.READY
 
 
+def test_a_run_that_begins_stopped_is_not_taken_for_one_that_was_stopped() -> None:
+    begins = idle_state(state="stopped", **RUNNING)
+    assert place_of(begins, PREPARED, Place.SINGLE) is Place.SINGLE
+    assert place_of(begins.model_copy(update={"part": 1}), PREPARED, Place.SINGLE) is Place.READY
+    assert place_of(begins, PREPARED, Place.READY) is Place.READY, "stopped while it homed"
+
+
 def test_a_run_of_somebody_else_is_not_taken_for_the_job() -> None:
     waiting = Intent(is_prepared=True, order="PO-1", kind="single")
     other = idle_state(state="execute_acquiring", packml="Execute", run="r", done={"plate": (0, 9)})

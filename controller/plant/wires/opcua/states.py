@@ -177,8 +177,10 @@ def place_of(cell: CellState, intent: Intent, now: Place) -> Place:
         return Place.ERROR
     if intent.has_begun and intent.kind is not None and cell.run is None:
         return OF_KIND[intent.kind]
-    if cell.packml in ("Stopping", "Complete") or cell.state == "stopped":
+    if cell.packml in ("Stopping", "Complete"):
         return Place.READY
+    if cell.state == "stopped":  # a run begins in this state, too, before its first part
+        return now if now in EXECUTING and not cell.part else Place.READY
     if cell.run is not None or cell.state == "starting":
         return _executing(cell, intent, now)
     return Place.READY if intent.is_prepared else Place.INITIALIZED
