@@ -22,7 +22,12 @@ from opcua_bench import ANSWER_WALL_S, RUN, Bench, Heard, Vision, make_certifica
 from controller.plant.plant import Offer
 from controller.plant.wires.opcua import space as opcua_space
 from controller.plant.wires.opcua.certificates import MAX_REJECTED_COUNT, CertificateFolder
-from controller.plant.wires.opcua.door import MAX_CHUNK_BYTES, MIN_PUBLISHING_MS
+from controller.plant.wires.opcua.door import (
+    MAX_CALL_COUNT,
+    MAX_CHUNK_BYTES,
+    MAX_CONNECTION_COUNT,
+    MIN_PUBLISHING_MS,
+)
 from controller.plant.wires.opcua.vision import Refusal
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -294,6 +299,42 @@ async def test_bytes_that_are_no_message_end_their_connection_and_nothing_else(
     assert (await vision.state())[0] == "Operational"
 
 
+async def test_a_client_that_asks_and_does_not_read_is_cut_off(
+    bench: Bench, vision: Vision
+) -> None:
+    clients = bench.wire._vision._events._server.bserver.clients  # type: ignore[union-attr]
+    client = await bench.client()
+    await client.connect()
+    before = len(clients)
+    client.uaclient.protocol.transport.pause_reading()
+    large = client.get_node(ua.ObjectIds.OpcUa_BinarySchema)  # some hundred kilobytes
+    asked = [asyncio.ensure_future(large.read_value()) for _ in range(100)]
+    async with asyncio.timeout(ANSWER_WALL_S):
+        while len(clients) == before:  # noqa: ASYNC110 - the server has no event for it
+            await asyncio.sleep(0.01)
+    client.disconnect_socket()
+    for one in asked:
+        one.cancel()
+    await asyncio.gather(*asked, return_exceptions=True)
+    assert (await vision.state())[0] == "Operational"
+
+
+async def test_more_connections_than_the_limit_are_closed_and_those_there_go_on(
+    bench: Bench, vision: Vision
+) -> None:
+    host, _, port = bench.wire.url.removeprefix("opc.tcp://").partition("/")[0].rpartition(":")
+    opened = [await asyncio.open_connection(host, int(port)) for _ in range(MAX_CONNECTION_COUNT)]
+    closed, _ = await asyncio.wait(
+        [asyncio.ensure_future(reader.read(1)) for reader, _ in opened],
+        timeout=ANSWER_WALL_S,
+        return_when=asyncio.FIRST_COMPLETED,
+    )
+    assert closed, "the client has one of them"
+    assert (await vision.state())[0] == "Operational"
+    for _, writer in opened:
+        writer.close()
+
+
 async def test_too_many_failed_log_ins_have_to_wait(bench: Bench, tmp_path: Path) -> None:
     files = make_certificate(tmp_path, "guesser")
     trusted = bench.folder / "trusted" / "guesser.der"
@@ -552,6 +593,25 @@ async def test_a_measurement_id_starts_one_job(bench: Bench, vision: Vision) -> 
     job, error = await start(vision, meas="")
     assert error == Refusal.DONE
     assert job.Id.startswith("opcua-")
+
+
+async def test_a_call_that_waits_holds_up_nothing_else_of_its_client(
+    bench: Bench, vision: Vision, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    may_go_on = asyncio.Event()
+    offers = bench.plant.offers
+
+    async def slow() -> Any:
+        await may_go_on.wait()
+        return offers
+
+    monkeypatch.setattr(bench.plant, "recipes", slow)
+    waiting = [asyncio.create_task(recipes(vision)) for _ in range(MAX_CALL_COUNT)]
+    assert (await vision.state())[0] == "Operational"
+    with pytest.raises(ua.uaerrors.BadTooManyOperations):
+        await recipes(vision)
+    may_go_on.set()
+    assert [answer[1] for answer in await asyncio.gather(*waiting)] == [3] * MAX_CALL_COUNT
 
 
 async def test_an_order_that_the_cell_refuses_leaves_the_machine_ready_and_says_why(

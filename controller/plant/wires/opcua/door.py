@@ -9,6 +9,8 @@ asyncua 2.1 as it comes is made to be tried. What is closed here, each tried by 
 - Names and passwords are checked in a thread, one at a time, with a limit on failed attempts; the
   hash that they are compared with takes half a second on purpose.
 - A session is known by a random token: asyncua counts them, and whoever guesses one may take over.
+- A call is answered in a task of its own. asyncua answers one request after the other, and its
+  client gives the connection up where a read, which waits behind a call, takes a second.
 - Clients write no attribute, register no server, and touch no subscription of another session.
 - Messages, connections, sessions, subscriptions and publishing intervals have limits; a connection
   that breaks them, or sends what cannot be read, is closed.
@@ -39,6 +41,7 @@ from asyncua.server.user_managers import UserManager
 from asyncua.ua.ua_binary import nodeid_from_binary, struct_from_binary, uatcp_to_binary
 
 from controller.page.security.sessions import Attempts
+from controller.plant.plant import PlantError
 
 from .certificates import CertificateFolder, leaf
 
@@ -59,6 +62,8 @@ MAX_SUBSCRIPTION_OF_ONE_COUNT: Final = 10
 MAX_ITEM_COUNT: Final = 500  # monitored items in one call; the whole cell has some hundred nodes
 MAX_QUEUE_COUNT: Final = 1_000  # events that wait for a client that is slow
 MIN_PUBLISHING_MS: Final = 50.0
+MAX_CALL_COUNT: Final = 8  # calls of one connection that wait for their answer
+MAX_UNREAD_BYTES: Final = 4_000_000  # answers that a client asks for and does not read
 
 account: ContextVar[str] = ContextVar("account", default="")
 """Name of the account whose call is being answered."""
@@ -74,6 +79,7 @@ _ALLOWED: Final = frozenset(
 )  # fmt: skip
 _CREATE_SESSION: Final = ua.NodeId(ua.ObjectIds.CreateSessionRequest_Encoding_DefaultBinary)
 _ACTIVATE: Final = ua.NodeId(ua.ObjectIds.ActivateSessionRequest_Encoding_DefaultBinary)
+_CALL: Final = ua.NodeId(ua.ObjectIds.CallRequest_Encoding_DefaultBinary)
 _REGISTER: Final = (
     ua.NodeId(ua.ObjectIds.RegisterServerRequest_Encoding_DefaultBinary),
     ua.NodeId(ua.ObjectIds.RegisterServer2Request_Encoding_DefaultBinary),
@@ -117,7 +123,12 @@ class Names(UserManager):
                 log.warning("OPC UA: too many failed log-ins, wait %.0f s", wait_s)
                 return
             self._attempts.note(client)
-            if await asyncio.to_thread(self._may_enter, name, password):
+            try:
+                is_known = await asyncio.to_thread(self._may_enter, name, password)
+            except PlantError as error:
+                log.warning("OPC UA: nobody can log in: %s", error)
+                return
+            if is_known:
                 self._attempts.forgive(client)
                 self._let_in = (name, password)
             else:
@@ -290,6 +301,10 @@ class _Processor(UaProcessor):
 
     iserver: _Inside
 
+    def __init__(self, *args: Any, **fields: Any) -> None:
+        super().__init__(*args, **fields)
+        self._calls: set[asyncio.Task[bool]] = set()
+
     async def process(self, header: ua.Header, body: Buffer) -> bool:
         """Take one chunk; until somebody has logged in, a message is one chunk."""
         is_named = self.session is not None and self.session.is_activated()
@@ -309,12 +324,20 @@ class _Processor(UaProcessor):
             fault.ResponseHeader.ServiceResult = ua.StatusCode(error.code)
             self.send_response(request.RequestHandle, seqhdr, fault)
             return True
+        if service == _CALL:
+            # what has begun ends, though its client has gone
+            call = asyncio.create_task(super().process_message(seqhdr, body))
+            self._calls.add(call)
+            call.add_done_callback(self._calls.discard)
+            return True
         return bool(await super().process_message(seqhdr, body))
 
     async def _require_right(
         self, service: ua.NodeId, request: ua.RequestHeader, body: Buffer
     ) -> None:
         policy = self._connection.security_policy
+        if service == _CALL and len(self._calls) >= MAX_CALL_COUNT:
+            raise ServiceError(ua.StatusCodes.BadTooManyOperations)
         if service in _REGISTER:
             raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
         if service in (_CREATE_SESSION, _ACTIVATE) and isinstance(policy, SecurityPolicyNone):
@@ -366,7 +389,11 @@ class _Protocol(OPCUAProtocol):
 
     async def _process_one_msg(self, header: Any, buf: Buffer) -> bool:
         try:
-            return bool(await super()._process_one_msg(header, buf))
+            goes_on = bool(await super()._process_one_msg(header, buf))
+            if self.transport is None or self.transport.get_write_buffer_size() < MAX_UNREAD_BYTES:
+                return goes_on
+            log.warning("OPC UA: a client at %s does not read its answers", self.peer_name)
+            self.transport.abort()
         except NotTrustedError as error:
             log.warning("OPC UA: a client at %s is turned away: %s", self.peer_name, error)
             self._close(ua.StatusCodes.BadSecurityChecksFailed, "not trusted")

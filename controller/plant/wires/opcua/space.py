@@ -103,6 +103,7 @@ async def load_types(server: Server) -> None:
     importer = logging.getLogger("asyncua.common.xmlimporter")
     level = importer.level
     _share_values(server)
+    give_back()
     # It warns of nine nodes of DI that are there for design tools alone and hang on nothing.
     importer.setLevel(logging.CRITICAL)
     try:

@@ -54,10 +54,14 @@ class OpcuaWire:
         CertificateError : the server's own certificate does not do
         OSError : the address is taken, or is not this computer's
         """
-        async with self.serving(plant) as vision, asyncio.TaskGroup() as tasks:
-            tasks.create_task(_follow_orders(plant, vision))
-            async for cell in plant.states():
-                await vision.cell_changed(cell)
+        async with self.serving(plant) as vision:
+            try:
+                async with asyncio.TaskGroup() as tasks:
+                    tasks.create_task(_follow_orders(plant, vision))
+                    async for cell in plant.states():
+                        await vision.cell_changed(cell)
+            except ExceptionGroup as group:
+                raise group.exceptions[0] from group  # the bridge says one sentence
 
     @asynccontextmanager
     async def serving(self, plant: Plant) -> AsyncIterator[VisionSystem]:
