@@ -23,6 +23,7 @@ from controller.cell.journal import JOURNAL_NAME, Body, rows
 from controller.cli import main
 from controller.cli.history import rejudging
 from controller.history import open_store
+from controller.history.keeping import copy_pictures
 from controller.history.rejudging import ArchivedPart, Rejudged
 from controller.history.tables import PARTS, REJUDGED
 
@@ -322,3 +323,25 @@ def test_a_part_without_its_file_of_views_is_named(
     archive_copies.copy_run(made / "runs", first, here / "few", range(1), unjudged)
     assert rejudge("--runs", "few") == 1
     assert "gone.json" in capsys.readouterr().err
+
+
+def test_pictures_that_are_only_in_a_store_of_objects_are_judged_alike(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert rejudge("-o", "here.csv", "--store", f"sqlite:///{here}/here.sqlite") == 0
+    objects = here / "objects"
+    list(copy_pictures(here / "runs", f"file://{objects}", "Ann"))
+    runs = sorted((here / "runs").glob("2026*"))
+    for run in runs:
+        shutil.rmtree(run / "pictures")
+    assert rejudge("-o", "objects.csv") == 0
+    assert Path("objects.csv").read_bytes() == Path("here.csv").read_bytes()
+    assert [row.lines_sha256 for row in kept()] == [
+        row.lines_sha256 for row in kept(f"sqlite:///{here}/here.sqlite")
+    ]
+    assert not any((run / "pictures").exists() for run in runs)  # nothing came back
+    one = next(objects.rglob("*.png"))
+    one.write_bytes(one.read_bytes()[:-1])
+    capsys.readouterr()
+    assert rejudge("-o", "cut.csv", "--store", f"sqlite:///{here}/cut.sqlite") == 1
+    assert "was changed or cut short" in capsys.readouterr().err

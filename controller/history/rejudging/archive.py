@@ -12,7 +12,7 @@ from sqlalchemy import ColumnElement, and_, exists, func, select
 from controller.catalogue import software_key
 from controller.cell.journal import JournalError, is_of, rows, rows_of_parts
 from controller.config import ConfigError, Recipe, find_recipe, load_recipe
-from controller.results.run import ResultsError
+from controller.results.run import ResultsError, copies_in
 
 from ..errors import HistoryError
 from ..filling import CHUNK_COUNT, journals_by_key
@@ -172,6 +172,7 @@ def _with_files(
             views[row.part] = str(row.body["views"])
         elif is_of(row, rows.FilesStored):
             hashes.setdefault(row.part, {}).update(row.body)
+    copies = copies_in(found)
     for part in parts:
         yield ArchivedPart(
             part.part_id,
@@ -180,6 +181,7 @@ def _with_files(
             hashes.get(part.number, {}),
             archive.judging.recipe,
             archive.judging.path,
+            {file: one for file, one in copies.items() if file in hashes.get(part.number, {})},
         )
 
 

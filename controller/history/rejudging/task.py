@@ -4,14 +4,16 @@ import hashlib
 import os
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from controller.cad import CadError
 from controller.cell.services.records import measured_row
 from controller.config import ConfigError, Recipe
 from controller.config.view_set import ViewSetFile, load_view_set
+from controller.results.run import Copy, RunPictures
 from controller.stored import compiled_part, judge_views, judging_by, lines_digest, read_pictures
 
 
@@ -26,6 +28,7 @@ class ArchivedPart:
     views : file of its views, in there; empty where the journal has none
     hashes : SHA-256 of its files in the journal, by name in the folder; empty for an old run
     recipe, recipe_path : recipe to judge by, and its file, for messages
+    copies : copies of pictures in a store of objects, by name; read where a picture is not here
     """
 
     part_id: int
@@ -34,6 +37,7 @@ class ArchivedPart:
     hashes: Mapping[str, str]
     recipe: Recipe
     recipe_path: Path
+    copies: Mapping[str, Copy] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +75,10 @@ def rejudge(part: ArchivedPart) -> Rejudged:
         path = part.folder / part.views
         file = load_view_set(path)
         judging = judging_by(path, file, part.recipe, part.recipe_path)
-        pictures = read_pictures(path, file)
-        _require_unchanged(part, file)
+        with TemporaryDirectory(prefix="cellctl-pictures-") as scratch:
+            here = _with_copies(part, file, Path(scratch))
+            pictures = read_pictures(path, here)
+            _require_unchanged(part, here, proven=Path(scratch))
         found = judge_views(file, compiled_part(path, file), pictures, judging)
     except (CadError, ConfigError) as error:
         return Rejudged(problem=" ".join(str(error).split()))
@@ -87,8 +93,44 @@ def rejudge(part: ArchivedPart) -> Rejudged:
     )
 
 
-def _require_unchanged(part: ArchivedPart, file: ViewSetFile) -> None:
-    """Require that the files are those that the journal has the hashes of.
+def _with_copies(part: ArchivedPart, file: ViewSetFile, folder: Path) -> ViewSetFile:
+    """Return a set of views whose missing pictures are read from their copies.
+
+    Parameters
+    ----------
+    part : the part
+    file : its views
+    folder : for these pictures; nothing comes back into the run's folder
+
+    Raises
+    ------
+    ConfigError : a copy cannot be read, or is of another picture
+    """
+    reader = RunPictures(part.folder, part.copies)
+
+    def present(path: Path) -> Path:
+        name = os.path.relpath(path, part.folder)
+        if path.is_file() or name not in part.copies:
+            return path
+        if part.hashes.get(name) != part.copies[name].sha256:
+            raise ConfigError(f"{path}: its copy is not of the picture that the journal has")
+        data = reader.read(name)  # which checks the hash
+        if isinstance(data, str):
+            raise ConfigError(data)
+        fetched = folder / name
+        fetched.parent.mkdir(parents=True, exist_ok=True)
+        fetched.write_bytes(data)
+        return fetched
+
+    views = [
+        view.model_copy(update={"pictures": {k: present(v) for k, v in view.pictures.items()}})
+        for view in file.views
+    ]
+    return file.model_copy(update={"views": type(file.views)(views)})
+
+
+def _require_unchanged(part: ArchivedPart, file: ViewSetFile, *, proven: Path) -> None:
+    """Require that the files are those that the journal has the hashes of; `proven` has such.
 
     Raises
     ------
@@ -97,6 +139,8 @@ def _require_unchanged(part: ArchivedPart, file: ViewSetFile) -> None:
     if not part.hashes:
         return
     for path in _files(part, file):
+        if path.is_relative_to(proven):
+            continue
         name = os.path.relpath(path, part.folder)
         known = part.hashes.get(name)
         if known is None:
