@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from controller import inspection as inspecting
 from controller.cache import digest_of
-from controller.cell.compute import Compute, Holder, Job, Located, context
+from controller.cell.compute import Compute, Holder, Job, Located, SeenCode, context
 from controller.cell.custody import ALONE, Around
 from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
 from controller.cell.services import plain_name
@@ -358,6 +358,13 @@ class StandIns(Compute):
             planned = self._promised.get(plain_name(view_id), np.zeros(count, dtype=bool))
             self.views.append(Seen(view_id, seen & planned, planned, True, self.has_recovered))
         return _result_of(view_id, T_world_part, T, "" if is_there else NO_PART, seen)
+
+    async def read_codes(
+        self, pictures: tuple[Grey, ...], T_world_part: Array, *, is_held: bool
+    ) -> tuple[SeenCode, ...]:
+        """Return no code: these pictures show none."""
+        await self._take("inspect")
+        return ()
 
     async def find_hold(
         self,
