@@ -18,8 +18,7 @@ from controller.arrays import FloatArray, Grey
 
 CodeKind = Literal["data_matrix", "qr"]
 
-# Least width of a module in a picture: from here on more than nine in ten are read
-# (ADR 129).
+# Least width of a module in a picture: from here on more than nine in ten are read (ADR 129).
 MIN_MODULE_PX: Final = 3.0
 # Contrast is levelled over this distance, a standard deviation: about the width of a code.
 LEVELLED_PX: Final = 24.0
