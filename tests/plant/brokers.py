@@ -80,10 +80,13 @@ class Broker:
     def save(self) -> None:
         """Have it write what it has confirmed: what it holds in memory alone dies with it."""
         assert self._process is not None
-        before = self.log.count("Saving in-memory database")
+        file = self.folder / "data" / "mosquitto.db"
+        before = file.stat().st_ino if file.exists() else 0
         self._process.send_signal(signal.SIGUSR1)
         end = time.monotonic() + PATIENCE_S
-        while self.log.count("Saving in-memory database") == before:
+        while (
+            not file.exists() or file.stat().st_ino == before
+        ):  # it is written beside, and renamed
             assert time.monotonic() < end
             time.sleep(0.02)
 

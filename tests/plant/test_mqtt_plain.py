@@ -105,6 +105,7 @@ async def test_every_part_arrives_although_the_broker_is_killed_twice(
 ) -> None:
     listener = Listener(open_broker, f"{PREFIX}/part")
     listeners.append(listener)
+    await eventually(lambda: "Sending SUBACK to listener" in open_broker.log)
     courier = wire(open_broker)
     count = 60
     async with served(courier, FakePlant()):
@@ -381,6 +382,21 @@ async def test_a_message_that_the_broker_does_not_allow_does_not_count_as_delive
         await taking_orders(guarded)
         with pytest.raises(OSError, match=r"(?i)does not take .*/part: not authorized"):
             await courier.deliver(part_result(1))
+
+
+async def test_a_state_that_the_broker_does_not_allow_hinders_no_result(
+    guarded: Broker, caplog: pytest.LogCaptureFixture
+) -> None:
+    allowed = guarded.folder / "allowed"
+    allowed.write_text(f"user cell-3\ntopic write {PREFIX}/part/#\ntopic write {PREFIX}/part\n")
+    guarded.end()
+    guarded.lines = (*guarded.lines, f"acl_file {allowed}")
+    guarded.start()
+    plant, courier = FakePlant(), known_wire(guarded)
+    async with served(courier, plant) as errors:
+        await eventually(lambda: "does not take cellctl/v1/cell-3/state" in caplog.text)
+        await courier.deliver(part_result(1))
+        assert errors == []
 
 
 @pytest.mark.parametrize("version", [5, "3.1.1"])

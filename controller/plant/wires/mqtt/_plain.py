@@ -156,7 +156,7 @@ class MqttWire:
 
     async def _tell_states(self, link: Link, plant: Plant) -> None:
         async for state in plant.states():
-            await link.send(Message(f"{self._prefix}/state", as_json(state), is_retained=True))
+            await self._tell(link, "state", state)
 
     async def _tell_orders(self, link: Link, plant: Plant) -> None:
         changes = plant.order_changes()
@@ -164,15 +164,18 @@ class MqttWire:
         try:
             orders = await plant.orders()
             if orders:
-                await self._tell_order(link, max(orders, key=lambda order: order.changed))
+                await self._tell(link, "order", max(orders, key=lambda order: order.changed))
             while True:
-                await self._tell_order(link, await change)
+                await self._tell(link, "order", await change)
                 change = asyncio.ensure_future(anext(changes))
         finally:
             change.cancel()
 
-    async def _tell_order(self, link: Link, order: OrderState) -> None:
-        await link.send(Message(f"{self._prefix}/order", as_json(order), is_retained=True))
+    async def _tell(self, link: Link, topic: str, payload: Payload) -> None:
+        """Tell something retained; a broker that does not take it hinders nothing else."""
+        await _send_or_warn(
+            link, Message(f"{self._prefix}/{topic}", as_json(payload), is_retained=True)
+        )
 
     async def _take(self, link: Link, plant: Plant) -> None:
         topic = f"{self._prefix}/cmd/order"
@@ -217,10 +220,7 @@ class MqttWire:
         wanted = getattr(asked, "ResponseTopic", None)
         if wanted and self._may_reply_to(wanted, own):
             topic = wanted
-        try:
-            await link.send(Message(topic, as_json(answer)), properties)
-        except (RejectedError, TimeoutError) as error:
-            log.warning("MQTT: an answer was not taken: %s", error)
+        await _send_or_warn(link, Message(topic, as_json(answer)), properties)
 
     def _may_reply_to(self, topic: str, own: str) -> bool:
         """Whether an answer may go there: nobody has this cell write where it does not write."""
@@ -230,3 +230,13 @@ class MqttWire:
             topic == allowed or topic.startswith(f"{allowed}/")
             for allowed in (own, *self._settings.reply_to)
         )
+
+
+async def _send_or_warn(link: Link, message: Message, properties: Properties | None = None) -> None:
+    """Publish what may be missed; a connection that is gone still ends the wire."""
+    try:
+        await link.send(message, properties)
+    except (ConnectionError, TimeoutError):
+        raise
+    except (OSError, RejectedError) as error:
+        log.warning("MQTT: %s", error)
