@@ -35,6 +35,12 @@ def _printable(text: str) -> str:
     return text
 
 
+def _not_blank(text: str) -> str:
+    if not text.strip():
+        raise ValueError("is empty")
+    return text
+
+
 Time = Annotated[AwareDatetime, PlainSerializer(_as_text, return_type=str)]
 Label = Annotated[str, Field(max_length=MAX_TEXT), AfterValidator(_printable)]
 Disposition = Literal["accept", "reject", "quarantine"]
@@ -295,6 +301,25 @@ class OrderRequest(Payload):
         """All parts; None where a recipe says how many."""
         counts = [one.quantity for one in self.recipes] or [self.quantity]
         return None if None in counts else sum(count for count in counts if count)
+
+
+class OrderMessage(OrderRequest):
+    """An order where its number has no other place: the request, and the plant's own number."""
+
+    number: Annotated[Label, Field(min_length=1), AfterValidator(_not_blank)]
+
+    def request(self) -> OrderRequest:
+        """Return the order without its number."""
+        return OrderRequest(**{name: getattr(self, name) for name in OrderRequest.model_fields})
+
+
+class OrderRefusal(Payload):
+    """The answer to a message that is no order; `number` is null where it could not be read."""
+
+    cell: str
+    number: str | None
+    state: Literal["refused"] = "refused"
+    reason: str
 
 
 class OrderState(Payload):

@@ -12,10 +12,25 @@ from typing import Any, Final
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
-from .model import AlarmNotice, CellState, OrderRequest, OrderState, PartResult
+from .model import (
+    AlarmNotice,
+    CellState,
+    OrderMessage,
+    OrderRefusal,
+    OrderRequest,
+    OrderState,
+    PartResult,
+)
 
 _AT: Final = "#/components/schemas/{model}"
-_SEND: Final[tuple[type[BaseModel], ...]] = (AlarmNotice, CellState, OrderState, PartResult)
+_SEND: Final[tuple[type[BaseModel], ...]] = (
+    AlarmNotice,
+    CellState,
+    OrderRefusal,
+    OrderState,
+    PartResult,
+)
+_TAKE: Final[tuple[type[BaseModel], ...]] = (OrderMessage, OrderRequest)
 _ERROR: Final = {
     "type": "object", "required": ["error"], "additionalProperties": False,
     "properties": {"error": {"type": "string", "description": "why, as a sentence"}},
@@ -46,7 +61,7 @@ _ALWAYS: Final = ("401", "429", "503")
 def document() -> dict[str, Any]:
     """Return the description."""
     _, sent = models_json_schema([(one, "serialization") for one in _SEND], ref_template=_AT)
-    _, taken = models_json_schema([(OrderRequest, "validation")], ref_template=_AT)
+    _, taken = models_json_schema([(one, "validation") for one in _TAKE], ref_template=_AT)
     schemas = {**taken["$defs"], **sent["$defs"], "Error": _ERROR, "Offer": _OFFER}
     schemas["OrderRequest"] = taken["$defs"]["OrderRequest"]
     run, part = _parameter("run", "path", {"type": "string"}), _whole("part", "path", 1, 2**20)

@@ -16,16 +16,24 @@ import asyncio
 import logging
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Final
 
 import aiomqtt
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
-from pydantic import AfterValidator, Field, ValidationError
+from pydantic import ValidationError
 
 from controller.config.cell.mqtt import MqttSection
 
-from ...model import CellState, Label, Notice, OrderRequest, OrderState, PartResult, Payload
+from ...model import (
+    CellState,
+    Notice,
+    OrderMessage,
+    OrderRefusal,
+    OrderState,
+    PartResult,
+    Payload,
+)
 from ...plant import Plant, PlantError, RejectedError
 from ._link import Access, Link, Message, connected
 
@@ -36,33 +44,6 @@ PREFIX: Final = "cellctl/v1/{cell}"
 # too large for it, and would do so for ever; that it dies by chance five times within the same
 # milliseconds does not happen.
 MAX_CUTS: Final = 5
-
-
-def _is_number(text: str) -> str:
-    if not text.strip():
-        raise ValueError("is empty")
-    return text
-
-
-class OrderCommand(OrderRequest):
-    """An order as a message: the request, and its number."""
-
-    number: Annotated[Label, Field(min_length=1), AfterValidator(_is_number)]
-
-    def request(self) -> OrderRequest:
-        """Return the order without its number."""
-        return OrderRequest(
-            **{name: getattr(self, name) for name in OrderRequest.model_fields},
-        )
-
-
-class Refusal(Payload):
-    """The answer to a message that is no order; `number` is null where it could not be read."""
-
-    cell: str
-    number: str | None
-    state: str = "refused"
-    reason: str
 
 
 def as_json(payload: Payload) -> bytes:
@@ -195,10 +176,10 @@ class MqttWire:
             if message.topic.value == topic and not message.retain:
                 await self._answer(link, message, await self._order(message.payload, plant))
 
-    async def _order(self, payload: object, plant: Plant) -> OrderState | Refusal:
+    async def _order(self, payload: object, plant: Plant) -> OrderState | OrderRefusal:
         number = None
         try:
-            command = OrderCommand.model_validate_json(payload)  # type: ignore[arg-type]
+            command = OrderMessage.model_validate_json(payload)  # type: ignore[arg-type]
             number = command.number
             return await plant.order(number, command.request(), "MQTT")
         except ValidationError as error:
@@ -207,10 +188,10 @@ class MqttWire:
             reason = f"{where}: {first['msg']}" if where else str(first["msg"])
         except PlantError as error:
             reason = str(error)
-        return Refusal(cell=plant.cell, number=number, reason=reason)
+        return OrderRefusal(cell=plant.cell, number=number, reason=reason)
 
     async def _answer(
-        self, link: Link, message: aiomqtt.Message, answer: OrderState | Refusal
+        self, link: Link, message: aiomqtt.Message, answer: OrderState | OrderRefusal
     ) -> None:
         own = f"{self._prefix}/cmd/order/reply"
         topic, properties = own, Properties(PacketTypes.PUBLISH)
