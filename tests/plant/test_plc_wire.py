@@ -358,6 +358,23 @@ async def test_stop_reaches_the_running_cell_and_a_refusal_has_a_reason(
     assert plant.told == [("stop", "stop bit of the PLC", "PLC")] * 2
 
 
+async def test_a_stop_takes_back_an_order_that_has_not_begun(plant: FakePlant, port: int) -> None:
+    async with served(plc_wire(port), plant), pymodbus_at(port) as master:
+        await master.until(Status.READY)
+        await master.start(1)
+        await master.write(100, [STOP])
+        await master.until(Status.BUSY, is_set=False)
+        await master.write(100, [0])
+        await master.until(Status.READY)
+        await master.start(1)
+        second = (await plant.orders())[1]
+        plant.change_order(second.number, state="running")
+        await plant.become(run="R1", is_ready=False)
+        await master.write(100, [STOP])
+        await eventually(lambda: plant.told[-1][0] == "stop")
+    assert [order.state for order in await plant.orders()] == ["stopped", "running"]
+
+
 async def test_a_recipe_that_cannot_be_used_fails_the_start(plant: FakePlant, port: int) -> None:
     async with served(plc_wire(port), plant), pymodbus_at(port) as master:
         for recipe, reason in ((3, Reason.ORDER_REFUSED), (9, Reason.UNKNOWN_RECIPE)):

@@ -151,13 +151,30 @@ class PlcWire:
                 if isinstance(action, StartOrder):
                     self._handshake.taken(await self._order(plant, action))
                 else:
-                    await plant.stop(SOURCE, "stop bit of the PLC")
+                    await self._stop(plant)
             except PlantError as error:
                 log.warning("PLC: %s", error)
                 is_start = command is CommandBit.START
                 self._handshake.fail(
                     command, Reason.ORDER_REFUSED if is_start else Reason.STOP_REFUSED
                 )
+
+    async def _stop(self, plant: Plant) -> None:
+        """Take back the PLC's order if it has not begun; else stop the cell.
+
+        Raises
+        ------
+        PlantError : there is nothing to stop
+        """
+        order = self._handshake.order
+        if order is not None:
+            try:
+                await plant.withdraw(order.number, SOURCE)
+            except PlantError:
+                pass  # it has begun
+            else:
+                return
+        await plant.stop(SOURCE, "stop bit of the PLC")
 
     async def _order(self, plant: Plant, action: StartOrder) -> OrderState:
         now = datetime.now(UTC)
