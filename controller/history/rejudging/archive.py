@@ -26,7 +26,9 @@ SOURCE: Final = PARTS.join(RUNS).join(JOURNALS)
 # the oldest first, in any store: keys of the store are in the order in which it was filled
 IN_ORDER: Final = (PARTS.c.start, RUNS.c.run_id, PARTS.c.number)
 
-OF_FILES: Final = (rows.PartInspected.row_name, rows.FilesStored.row_name)
+OF_FILES: Final = tuple(
+    row.row_name for row in (rows.PartInspected, rows.FilesStored, rows.PicturesCopied)
+)
 
 
 @dataclass(frozen=True, slots=True)
