@@ -149,6 +149,26 @@ def test_two_codes_that_differ_are_a_question_and_nobody_there_holds_the_cell() 
     assert answered.last.serial == "SN-2"
 
 
+def test_another_code_on_another_side_contradicts_the_first_and_keeps_the_part_back() -> None:
+    cell = Cell((code("SN-1"),), (code("SN-1"),), (code("SN-8"),))
+    cell.look()
+    assert cell.view() == ""  # the same once more
+    assert "2 codes contradict each other (SN-1, SN-8)" in cell.view()
+
+
+def test_what_a_person_has_named_no_later_code_renames() -> None:
+    cell = Cell((code("SN-1"), code("SN-2")), (code("SN-1"),), typed="SN-2")
+    cell.look()
+    cell.view()
+    assert cell.last.serial == "SN-2"
+
+
+def test_the_area_of_every_code_that_was_read_on_the_part_is_left_out() -> None:
+    cell = Cell((code("MADE IN EU"), code("SN-7")), form="SN-*")
+    cell.look()
+    assert len(cell.record.part.codes_mm) == 2
+
+
 def test_a_number_that_another_part_of_the_run_has_is_refused() -> None:
     cell = Cell((code("SN-1"),), (code("SN-1"),))
     cell.look()

@@ -91,7 +91,7 @@ def test_the_option_is_passed_on() -> None:
 def test_an_emulated_part_has_a_number_that_its_recipe_takes(
     keys: dict[str, str], first: str
 ) -> None:
-    asked = SerialCodeSection(code="qr", **keys)  # type: ignore[arg-type]  (texts)
+    asked = SerialCodeSection(code="qr", **keys)
     assert asked.example == first
     number = first.removeprefix("(21)")
     assert not first or asked.why_not(number) == ""

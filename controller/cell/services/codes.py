@@ -77,7 +77,7 @@ class Codes:
                 raise PartProblemError("no_serial", f"{self._what}, and nobody read it")
 
     def read_in_view(self, shown: Shown, lit: Mapping[str, Grey]) -> None:
-        """Begin to read the code in the pictures of a view, unless it was read before.
+        """Begin to read the codes in the pictures of a view: another one may contradict the first.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ class Codes:
         lit : by lamp
         """
         asked, part = self.record.product.recipe.serial_code, self.record.part
-        if asked is not None and asked.at == "part" and part.code is None:
+        if asked is not None and asked.at == "part":
             part.reading.append(begin(self._read_view(part, shown, lit)))
 
     async def _read_view(self, part: PartRecord, shown: Shown, lit: Mapping[str, Grey]) -> None:
@@ -93,11 +93,9 @@ class Codes:
         if shown.located is not None:
             found = await asyncio.shield(shown.located)
             T = found.T_world_part
-        if part.code is not None:
-            return
         pictures = tuple(lit.values())
         seen = await self.background.put(self.compute.read_codes, pictures, T, is_held=True)
-        if part is self.record.part and part.code is None:
+        if part is self.record.part:
             self._take(seen, [part.files[shown.view][lamp] for lamp in lit])
 
     async def collect(self) -> None:
@@ -115,11 +113,12 @@ class Codes:
         if asked is None:
             return ""
         await self.collect()
-        if not self.labels.is_coded(product):
-            return _why_other(part)
-        if not part.serial:
+        if self.labels.is_coded(product) and not part.serial:
             await self._ask(product)
-        return "" if part.serial else f"not identified: {self._what}"
+            return "" if part.serial else f"not identified: {self._what}"
+        if part.code is not None and part.code_problem:
+            return f"not identified: {self._what}"
+        return _why_other(part)
 
     @property
     def _what(self) -> str:
@@ -147,6 +146,8 @@ class Codes:
         part.codes_sought += len(files)
         numbers: dict[str, SeenCode] = {}
         for code in seen:
+            if code.corners_mm is not None:
+                part.coded.setdefault(code.text, code.corners_mm)
             number = asked.number_in(code.text, code.fields)
             if number is None:
                 why = f"{code.text:.40}: it has no field {asked.field}"
@@ -154,10 +155,11 @@ class Codes:
                 numbers.setdefault(number, code)
             if why and why not in part.other_codes:
                 part.other_codes.append(why)
-        if len(numbers) > 1:
-            named = ", ".join(f"{one:.40}" for one in list(numbers)[:MAX_NAMED])
-            part.code_problem = f"{len(numbers)} codes contradict each other ({named})"
-        elif numbers and not part.code_problem:
+        known = set() if part.code is None else {part.code.number}
+        if len(different := known | numbers.keys()) > 1:
+            named = ", ".join(f"{one:.40}" for one in sorted(different)[:MAX_NAMED])
+            part.code_problem = f"{len(different)} codes contradict each other ({named})"
+        elif numbers and not known and not part.code_problem:
             ((number, code),) = numbers.items()
             self._take_number(number, code, files[code.picture])
 
@@ -170,6 +172,8 @@ class Codes:
                 return
             new = self.labels.take_read(number, product)
             label = new.serial, new.lot
+        elif self.labels.is_coded(product) and number != part.serial:
+            return  # a person has named the part, and knows its code
         corners = () if code.corners_mm is None else matrix(code.corners_mm)
         self.record.note_code(
             product,

@@ -153,6 +153,8 @@ def _part(left: Interrupted) -> PartRecord:
         if left.is_ambiguous:
             part.alternatives = part.sighting.ambiguous_with
     part.code = None if left.identified is None else left.identified.code
+    if part.code is not None and part.code.corners_mm:
+        part.coded[part.code.text] = np.array(part.code.corners_mm)
     if part.code is not None and not part.code.picture.startswith(".."):
         picture = f"../{left.run}/{part.code.picture}"  # that run's folder is beside this one's
         part.code = part.code.model_copy(update={"picture": picture})

@@ -94,6 +94,7 @@ class PartRecord:
     serial, lot : empty if it has none
     scanned : serial number that was read off it before it was looked at
     code : code on it, or beside it, that a camera has read; None before
+    coded : corners (4, 3) of each code that was read on it, by what it says, in the part frame
     code_problem : reason why the codes that were read cannot name it; empty without one
     other_codes : what other codes say, and why they do not name it
     codes_sought : number of pictures in which its code was sought
@@ -131,6 +132,7 @@ class PartRecord:
     lot: str = ""
     scanned: str = ""
     code: CodeFields | None = None
+    coded: dict[str, FloatArray] = field(default_factory=dict)
     code_problem: str = ""
     other_codes: list[str] = field(default_factory=list)
     codes_sought: int = 0
@@ -179,8 +181,7 @@ class PartRecord:
     @property
     def codes_mm(self) -> tuple[FloatArray, ...]:
         """The corners (4, 3) of the codes known to be on it, in the part frame."""
-        on_part = self.code is not None and len(self.code.corners_mm) > 0
-        return (np.array(self.code.corners_mm),) if on_part and self.code else ()
+        return tuple(self.coded.values())
 
     @property
     def shown(self) -> tuple[Shown, ...]:

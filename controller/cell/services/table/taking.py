@@ -143,6 +143,7 @@ class Taking:
         """Forget which visible object is the current part."""
         part = self.record.part
         part.sighting, part.neighbours, part.product, part.code = None, (), None, None
+        part.coded.clear()
         self.labels.give_back(part)
 
     def look_ahead(self) -> None:
