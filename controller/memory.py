@@ -11,7 +11,8 @@ import gc
 from contextlib import suppress
 from typing import Final
 
-M_MMAP_THRESHOLD: Final = -3  # number of the parameter in glibc's malloc.h
+M_MMAP_THRESHOLD: Final = -3  # numbers of parameters in glibc's malloc.h
+M_ARENA_MAX: Final = -8
 # Size from which on an array has pages of its own, which go back when it does [bytes]. A picture's
 # grey levels are larger, and what is made for each row or triangle smaller.
 OWN_PAGES_BYTES: Final = 1 << 20
@@ -21,6 +22,16 @@ def map_large_arrays() -> None:
     """Have arrays of a megabyte in pages of their own, from now on and in every thread."""
     with suppress(AttributeError, OSError):  # another C library than glibc
         ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, OWN_PAGES_BYTES)
+
+
+def share_one_heap() -> None:
+    """Have all threads take memory from one heap; before the first thread.
+
+    Each thread has a heap of its own otherwise, and keeps what it once needed: a process that waits
+    for many things at once grows by that for hours.
+    """
+    with suppress(AttributeError, OSError):
+        ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)
 
 
 def give_back() -> None:

@@ -14,6 +14,7 @@ from typing import Final
 from controller.config import Cell
 from controller.config.cell.connect import ConnectSection
 from controller.launching import Launcher
+from controller.memory import share_one_heap
 from controller.page.security import Accounts, accounts_path
 from controller.setup.software import software_versions
 
@@ -120,6 +121,7 @@ def serve_bridge(options: BridgeOptions, ready: Callable[[list[str]], None]) -> 
         wires.append(PictureKeeper(options.runs_dir))
     if not wires:
         raise PlantError(f"{options.cell_path}: `connect` names no wire (docs/plant.md)")
+    share_one_heap()
     book = Book(options.runs_dir)
     with book.hold(), ThreadPoolExecutor(1) as spawner:
         # a priority is a thread's own: a run that is started keeps that of this one

@@ -247,11 +247,12 @@ class OrderBook:
             return None
         run, body = began[-1].run, rows.RunBegan.model_validate(began[-1].body)
         counts = dict.fromkeys(TRAYS.values(), 0)
-        done, end = 0, None
+        parts: set[int | None] = set()  # one may be booked twice, before and after a person's word
+        end = None
         for row in read_rows_after(self._journal, began[-1].seq, run):
-            if row.name == rows.PartDone.row_name:
-                done += 1
+            if row.name == rows.PartDone.row_name and row.part not in parts:
                 if (tray := TRAYS.get(str(row.body.get("tray")))) is not None:
+                    parts.add(row.part)
                     counts[tray] += 1
             elif row.name in (rows.RunEnded.row_name, rows.RunBrokeOff.row_name):
                 end = row
@@ -259,12 +260,12 @@ class OrderBook:
         reason = ""
         if end is not None:
             word = str(end.body.get("end", "broke_off"))
-            state = "done" if word == "complete" and done >= (body.count or 1) else "stopped"
+            state = "done" if word == "complete" and len(parts) >= (body.count or 1) else "stopped"
             reason = "" if state == "done" else str(end.body.get("message") or word)
         elif not has_cell:
             state, reason = "stopped", "the run was cut off"
         return {
-            "run": run, "quantity": body.count, "done": done, "state": state, "reason": reason,
+            "run": run, "quantity": body.count, "done": len(parts), "state": state, "reason": reason,
             **counts,
         }  # fmt: skip
 

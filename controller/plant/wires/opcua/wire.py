@@ -11,6 +11,7 @@ from typing import Final
 from asyncua import ua
 
 from controller.config.cell.connect import OpcuaSection
+from controller.memory import give_back
 from controller.plant.model import AlarmNotice, Notice
 from controller.plant.plant import Plant
 
@@ -91,6 +92,7 @@ class OpcuaWire:
         await vision.begin()
         await link(server, space, vision)
         await server.start()
+        give_back()  # the files that the address space was read from
         try:
             self._vision = vision
             port = server.bserver.port if server.bserver else self._port
