@@ -265,8 +265,8 @@ class OrderBook:
         elif not has_cell:
             state, reason = "stopped", "the run was cut off"
         return {
-            "run": run, "quantity": body.count, "done": len(parts), "state": state, "reason": reason,
-            **counts,
+            "run": run, "quantity": body.count, "done": len(parts), **counts, "state": state,
+            "reason": reason,
         }  # fmt: skip
 
     def _all(self) -> dict[str, OrderState]:
