@@ -481,6 +481,12 @@ def test_a_right_password_logs_in_and_a_wrong_one_does_not(at: Bench) -> None:
     assert at.client.get("/session").json() == {"name": "ada", "role": "viewer"}
 
 
+def test_the_page_is_closed_to_a_plant_system(at: Bench) -> None:
+    at.page.accounts.put("mes", Role.PLANT, PASSWORD)
+    assert log_in(at, "mes", PASSWORD) == 403
+    assert at.client.get("/now", follow_redirects=False).status_code == 303
+
+
 def test_a_log_in_from_another_page_is_refused(at: Bench) -> None:
     at.page.accounts.put("ada", Role.VIEWER, PASSWORD)
     reply = at.client.post(

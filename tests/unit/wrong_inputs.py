@@ -437,6 +437,13 @@ ROWS: tuple[Row, ...] = (
     Row("account without a role", nothing, ("account", "ada"), "--role ROLE"),
     Row("account with signs", nothing, ("account", "../ada", "--role", "viewer"), "begins with"),
     Row("account that is not there", nothing, ("account", "ada", "--remove"), "no account `ada`"),
+    Row("rejudge by no recipe", nothing, ("rejudge",), "--recipe"),
+    Row(
+        "rejudge by a recipe that is not there",
+        nothing,
+        ("rejudge", "--recipe", "no.yaml"),
+        "no.yaml",
+    ),
     Row("connect without a wire", nothing, ("connect",), "has no section `connect`"),
     Row("connect of no cell file", nothing, ("connect", "--cell", "no.yaml"), "no.yaml"),
     Row("deliveries of no bridge", nothing, ("deliveries",), "was never connected to a plant"),
