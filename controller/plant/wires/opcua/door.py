@@ -44,6 +44,7 @@ from controller.page.security.sessions import Attempts
 from controller.plant.plant import PlantError
 
 from .certificates import CertificateFolder, leaf
+from .lean import LeanNodes
 
 log = logging.getLogger(__name__)
 
@@ -262,6 +263,7 @@ class _Inside(InternalServer):
 
     def __init__(self, names: Names) -> None:
         super().__init__(user_manager=names)
+        self.node_mgt_service = LeanNodes(self.aspace)
         self.names = names
         self.allow_remote_admin = False
         self.supported_tokens = (ua.UserNameIdentityToken,)

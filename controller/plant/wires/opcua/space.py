@@ -102,7 +102,6 @@ async def load_types(server: Server) -> None:
     _forget_generated()
     importer = logging.getLogger("asyncua.common.xmlimporter")
     level = importer.level
-    _share_values(server)
     give_back()
     # It warns of nine nodes of DI that are there for design tools alone and hang on nothing.
     importer.setLevel(logging.CRITICAL)
@@ -111,7 +110,6 @@ async def load_types(server: Server) -> None:
             await server.import_xml(str(FOLDER / f"Opc.Ua.{name}.NodeSet2.xml"), strict_mode=False)
             if name == FILES[0]:
                 await _define_ids(server)
-            _share_values(server)
     finally:
         importer.setLevel(level)
     give_back()
@@ -126,32 +124,6 @@ def _forget_generated() -> None:
 
 
 GENERATED: Final = "asyncua.server.standard_address_space"
-
-
-def _share_values(server: Server) -> None:
-    """Have equal values of attributes be one object: of 97,000 most are the likes of False.
-
-    A write puts another object in the place of a value and never changes one. It saves 20 MB, if
-    the holes that it leaves are there before the next file is loaded.
-    """
-    known: dict[Any, ua.DataValue] = {}
-    for node in server.iserver.aspace._nodes.values():  # noqa: SLF001 - no public way to all nodes
-        for attribute in node.attributes.values():
-            held = attribute.value
-            inner = held.Value if held is not None else None
-            if inner is None or inner.is_array or not isinstance(inner.Value, SHARED):
-                continue
-            value = inner.Value
-            if isinstance(value, ua.LocalizedText):
-                value = (value.Locale, value.Text)
-            key = (
-                *(inner.VariantType, type(inner.Value), value),
-                *(held.StatusCode.value, held.SourceTimestamp, held.ServerTimestamp),
-            )
-            attribute.value = known.setdefault(key, held)
-
-
-SHARED: Final = (bool, int, float, str, type(None), ua.LocalizedText)
 
 
 async def _define_ids(server: Server) -> None:
