@@ -4,14 +4,15 @@
     python benchmarks/bench_plant.py --parts 2400    what two hours at that rate bring
 
 A journal grows by parts as runs write them, at `--rate` parts a second, while the real `cellctl
-connect` serves webhook, folder and REST, and MQTT where mosquitto is installed. Each receiver is
-of this script. A result is late by the time from the row that finished its part until the receiver
-has it; REST is asked every 50 ms. The bridge's memory is read when it is ready and at the end.
+connect` serves webhook, folder and REST, OPC UA where asyncua is installed, and MQTT where
+mosquitto is. Each receiver is of this script; the one of OPC UA subscribes with 50 ms. A result is
+late by the time from the row that finished its part until the receiver has it; REST is asked every
+50 ms. The bridge's memory is read when it is ready and at the end.
 """
 
+import asyncio
 import base64
 import http.server
-import importlib.util
 import json
 import os
 import shutil
@@ -23,13 +24,14 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from urllib.request import Request, urlopen
 
 import numpy as np
-from bench import EMULATED, Arguments, note, show
+from bench import EMULATED, ROOT, Arguments, note, show
 from results_bench import RunWriter, verdict, view
 
 ASKED_S = 1.0
@@ -166,7 +168,68 @@ def broker(stack: ExitStack, folder: Path, arrivals: Arrivals) -> int | None:
     return port
 
 
-def cell_file(folder: Path, url: str, rest: int, opcua: int, mqtt: int | None) -> Path:
+def opcua(stack: ExitStack, folder: Path, arrivals: Arrivals) -> tuple[int | None, threading.Event]:
+    """Wait for an OPC UA server beside the rest.
+
+    Returns
+    -------
+    the port that it is to have, None without asyncua; an event: it is subscribed to
+    """
+    is_ready = threading.Event()
+    if find_spec("asyncua") is None:
+        is_ready.set()
+        return None, is_ready
+    sys.path.insert(0, str(ROOT / "tests" / "plant"))
+    port, loop = free_port(), asyncio.new_event_loop()
+    from opcua_bench import make_certificate
+
+    certificate, key = make_certificate(folder / "clients", "bench")
+    trusted = folder / "connect" / "opcua" / "trusted"
+    trusted.mkdir(parents=True)
+    shutil.copy(certificate, trusted)
+
+    class Listener:
+        def event_notification(self, event: Any) -> None:  # noqa: ANN401 - asyncua's
+            if event.ResultContent is not None:
+                arrivals.note("opcua", json.loads(event.ResultContent[0].Value))
+
+    async def listen() -> None:
+        from asyncua import Client, ua
+        from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+        from opcua_bench import Vision
+
+        while True:
+            client = Client(
+                f"opc.tcp://127.0.0.1:{port}/cellctl", timeout=60, watchdog_intervall=60
+            )
+            client.application_uri = "urn:test:bench"
+            client.set_user("bench")
+            client.set_password(PASSWORD)
+            try:
+                await client.set_security(SecurityPolicyBasic256Sha256, certificate, key)
+                await client.connect()
+                break
+            except OSError:
+                await asyncio.sleep(0.2)
+        await client.load_data_type_definitions()
+        vision = await Vision.found(client)
+        subscription = await client.create_subscription(50, Listener())
+        kind = client.get_node(ua.NodeId(1024, vision.namespace))
+        await subscription.subscribe_events(vision.node, [kind])
+        is_ready.set()
+        await is_over.wait()
+        with suppress(OSError, TimeoutError):  # the bridge may be gone already
+            await client.disconnect()
+
+    is_over = asyncio.Event()
+    thread = threading.Thread(target=loop.run_until_complete, args=(listen(),), daemon=True)
+    thread.start()
+    stack.callback(thread.join)
+    stack.callback(loop.call_soon_threadsafe, is_over.set)
+    return port, is_ready
+
+
+def cell_file(folder: Path, url: str, rest: int, mqtt: int | None, opc: int | None) -> Path:
     """Write a cell file with these wires."""
     text = EMULATED.read_text().replace("name: emulated", "name: bench")
     text += (
@@ -175,11 +238,11 @@ def cell_file(folder: Path, url: str, rest: int, opcua: int, mqtt: int | None) -
         "  folder: [{path: out, name: '{run}_{part}'}]\n"
         f"  rest: {{listen: '127.0.0.1:{rest}'}}\n"
     )
-    if importlib.util.find_spec("asyncua") is not None:
-        text += f"  opcua: {{listen: '127.0.0.1:{opcua}'}}\n"
     text += f"  plc: {{listen: '127.0.0.1:{free_port()}', recipes: {{1: holder}}}}\n"
     if mqtt is not None:
         text += f"  mqtt: {{broker: 127.0.0.1, port: {mqtt}}}\n"
+    if opc is not None:
+        text += f"  opcua: {{listen: '127.0.0.1:{opc}'}}\n"
     (folder / "secret").write_text("a secret of this benchmark alone")
     (folder / "secret").chmod(0o600)
     (folder / "out").mkdir()
@@ -230,8 +293,8 @@ def measure(count: int, rate: float) -> dict[str, Any]:
             input=PASSWORD, text=True, check=True, env=environment, stdout=subprocess.DEVNULL,
         )  # fmt: skip
         port = broker(stack, folder, arrivals)
-        opcua = free_port()
-        path = cell_file(folder, webhook(stack, arrivals), rest, opcua, port)
+        opc, is_subscribed = opcua(stack, folder, arrivals)
+        path = cell_file(folder, webhook(stack, arrivals), rest, port, opc)
         bridge = subprocess.Popen(
             [sys.executable, "-m", "controller.cli", "connect", f"--cell={path}",
              f"--runs={runs}", "--json"],
@@ -242,11 +305,16 @@ def measure(count: int, rate: float) -> dict[str, Any]:
         assert bridge.stdout is not None
         ready = json.loads(bridge.stdout.readline())
         note({"wires": ready["wires"]})
-        for listening in (rest, *([opcua] if "opcua" in ready["wires"] else [])):
+        for listening in (rest, *([opc] if opc else [])):
             wait_open(listening)
         follow(stack, watch_folder(folder / "out", arrivals))
         follow(stack, ask_rest(rest, arrivals))
-        every = ("webhook", "folder", "rest", *(["mqtt"] if port else []))
+        every = (
+            *("webhook", "folder", "rest"),
+            *(["mqtt"] if port else []),
+            *(["opcua"] if opc else []),
+        )
+        is_subscribed.wait(LAST_WALL_S)
         write_parts(runs, 2, 1.0, day=1)  # the first ones load what later ones use
         wait_for(arrivals, 2, every)
         before_mb, before_s = memory_mb(bridge.pid), cpu_s(bridge.pid)

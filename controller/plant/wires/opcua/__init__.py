@@ -6,7 +6,7 @@ alone, which the bridge loads where the cell file asks for it (ADR 126).
 
 `states.py` has the machine; `vision.py` moves it; `methods.py` and `events.py` are what clients
 see of it, in the nodes of `space.py` and the records of `values.py`; `door.py` and
-`certificates.py` say who comes in.
+`certificates.py` say who comes in; `lean.py` keeps the nodes small.
 """
 
 from .wire import OpcuaWire
