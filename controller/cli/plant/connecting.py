@@ -39,14 +39,16 @@ def connect_cell(
     ------
     ConfigError : a file is wrong, a package is missing, or another bridge serves this folder
     """
-    require_packages()
     from controller.plant.assembly import BridgeOptions, serve_bridge
 
     path = cell_path or cell_of_this_folder()
+    cell = load_cell(path)
+    if cell.connect is not None and cell.connect.rest is not None:
+        require_packages()
     options = BridgeOptions(
         runs_dir=runs_dir,
         project_dir=project_dir,
-        cell=load_cell(path),
+        cell=cell,
         cell_path=path,
         from_start=from_start,
         run_options=(
