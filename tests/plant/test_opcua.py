@@ -20,12 +20,14 @@ from fake_plant import alarm_notice, idle_state, part_result
 from opcua_bench import ANSWER_WALL_S, RUN, Bench, Heard, Vision, make_certificate
 
 from controller.plant.plant import Offer
+from controller.plant.wires.opcua import door
 from controller.plant.wires.opcua import space as opcua_space
 from controller.plant.wires.opcua.certificates import MAX_REJECTED_COUNT, CertificateFolder
 from controller.plant.wires.opcua.door import (
     MAX_CALL_COUNT,
     MAX_CHUNK_BYTES,
     MAX_CONNECTION_COUNT,
+    MAX_UNNAMED_MESSAGE_COUNT,
     MIN_PUBLISHING_MS,
 )
 from controller.plant.wires.opcua.vision import Refusal
@@ -221,6 +223,34 @@ async def test_the_certificate_of_another_is_turned_away_and_let_in_once_a_perso
     (bench.folder / "trusted" / "stranger.der").unlink()
     with pytest.raises((ua.UaError, ConnectionError, TimeoutError)):
         await (await bench.client(files=files)).connect()
+
+
+async def test_strangers_do_not_fill_the_log(
+    bench: Bench,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(door, "WARN_WALL_S", 3600.0)
+    files = make_certificate(tmp_path, "stranger")
+    for _ in range(5):
+        with pytest.raises((ua.UaError, ConnectionError, TimeoutError)):
+            await (await bench.client(files=files)).connect()
+    said = [one for one in caplog.records if "is turned away" in one.getMessage()]
+    assert len(said) <= 1
+
+
+async def test_messages_before_a_log_in_are_few(bench: Bench, vision: Vision) -> None:
+    host, _, port = bench.wire.url.removeprefix("opc.tcp://").partition("/")[0].rpartition(":")
+    reader, writer = await asyncio.open_connection(host, int(port))
+    url = b"opc.tcp://x"
+    hello = b"".join(n.to_bytes(4, "little") for n in (0, 65_535, 65_535, 0, 0, len(url))) + url
+    message = b"HELF" + (8 + len(hello)).to_bytes(4, "little") + hello
+    writer.write(message * 2 * MAX_UNNAMED_MESSAGE_COUNT)
+    answer = await asyncio.wait_for(reader.read(), ANSWER_WALL_S)  # until it is closed
+    assert answer.count(b"ACKF") <= MAX_UNNAMED_MESSAGE_COUNT
+    writer.close()
+    assert (await vision.state())[0] == "Operational"
 
 
 async def test_a_trusted_certificate_that_is_only_named_lets_nobody_in(

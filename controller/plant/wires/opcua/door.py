@@ -19,6 +19,7 @@ asyncua 2.1 as it comes is made to be tried. What is closed here, each tried by 
 import asyncio
 import logging
 import secrets
+import time
 from collections.abc import Callable
 from contextvars import ContextVar
 from hashlib import sha256
@@ -55,6 +56,10 @@ POLICIES: Final = (
 
 MAX_CONNECTION_COUNT: Final = 20
 MAX_UNNAMED_WALL_S: Final = 10.0  # until a connection has logged in
+WARN_WALL_S: Final = 10.0
+MAX_UNNAMED_MESSAGE_COUNT: Final = (
+    10  # that wait; whoever logs in sends one and waits for the answer
+)
 MAX_CHUNK_BYTES: Final = 65_535  # the smallest buffer that every client must have is 8,192
 MAX_CHUNK_COUNT: Final = 16  # a call with 2,000 serial numbers of 80 signs takes three
 MAX_SESSION_WALL_S: Final = 120.0  # that a session outlives its connection
@@ -371,6 +376,27 @@ class _Processor(UaProcessor):
         await self.iserver.names.check(name, password, client)
 
 
+class _Seldom:
+    """Writes a line to the log at most every so often: strangers must not fill it."""
+
+    def __init__(self) -> None:
+        self._last_s = float("-inf")
+        self._kept_back = 0
+
+    def warn(self, text: str) -> None:
+        """Write a line, or count it."""
+        now_s = time.monotonic()
+        if now_s - self._last_s < WARN_WALL_S:
+            self._kept_back += 1
+            return
+        more = f" ({self._kept_back} more like this)" if self._kept_back else ""
+        self._last_s, self._kept_back = now_s, 0
+        log.warning("%s%s", text, more)
+
+
+_seldom: Final = _Seldom()
+
+
 class _Protocol(OPCUAProtocol):
     """One connection; it is closed at the first message that cannot be read."""
 
@@ -388,6 +414,10 @@ class _Protocol(OPCUAProtocol):
         super().data_received(data)
         if len(self._buffer) > MAX_CHUNK_BYTES:
             self._close(ua.StatusCodes.BadTcpMessageTooLarge, "a chunk is too large")
+        session = self.processor.session if self.processor is not None else None
+        is_named = session is not None and session.is_activated()
+        if not is_named and self.messages.qsize() > MAX_UNNAMED_MESSAGE_COUNT:
+            self._close(ua.StatusCodes.BadTcpServerTooBusy, "too many messages before a log-in")
 
     async def _process_one_msg(self, header: Any, buf: Buffer) -> bool:
         try:
@@ -397,7 +427,7 @@ class _Protocol(OPCUAProtocol):
             log.warning("OPC UA: a client at %s does not read its answers", self.peer_name)
             self.transport.abort()
         except NotTrustedError as error:
-            log.warning("OPC UA: a client at %s is turned away: %s", self.peer_name, error)
+            _seldom.warn(f"OPC UA: a client at {self.peer_name} is turned away: {error}")
             self._close(ua.StatusCodes.BadSecurityChecksFailed, "not trusted")
         except Exception as error:  # noqa: BLE001 - whatever a stranger's bytes set off
             log.info("OPC UA: connection of %s is closed: %s", self.peer_name, error)
