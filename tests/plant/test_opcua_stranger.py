@@ -21,6 +21,10 @@ import pytest
 from fake_plant import idle_state, part_result
 from opcua_bench import PASSWORD, RUN, Bench
 
+from controller.config.cell.connect import ConnectSection, OpcuaSection
+from controller.plant.assembly import wires_of
+from controller.plant.plant import PlantError
+
 HERE = Path(__file__).parent
 MANUAL = HERE.parents[1] / "docs" / "plant-opcua.md"
 CLIENT_WALL_S = 300.0
@@ -153,6 +157,16 @@ async def test_a_job_of_another_life_of_the_server_is_gone_on_with(tmp_path: Pat
         await vision.order_changed(bench.plant.change_order("PO-1", state="done"))
         await bench.become(idle_state())
         assert vision.place == "Ready"
+
+
+def test_a_package_that_is_missing_is_named_with_its_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [name for name in sys.modules if name.startswith("controller.plant.wires.opcua")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "asyncua", None)
+    with pytest.raises(PlantError, match=r"asyncua: pip install 'cellctl\[opcua\]'"):
+        wires_of(ConnectSection(opcua=OpcuaSection()), tmp_path)
 
 
 def test_the_bridge_with_a_server_takes_no_more_memory_than_it_may(tmp_path: Path) -> None:
