@@ -8,10 +8,11 @@ kept for a person (`cellctl deliveries`).
 
 import asyncio
 import fcntl
+import logging
 import os
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -32,6 +33,7 @@ from .folding import UntellableError, notices_after
 from .model import Notice
 from .plant import Courier, RejectedError
 
+log = logging.getLogger(__name__)
 FOLDER: Final = "connect"
 BOOK: Final = "connect.sqlite"
 LOCK: Final = "connect.lock"
@@ -50,6 +52,8 @@ CREATE TABLE IF NOT EXISTS couriers (
 CREATE TABLE IF NOT EXISTS refused (
     name TEXT NOT NULL, key TEXT NOT NULL, body TEXT NOT NULL, why TEXT NOT NULL, at TEXT NOT NULL,
     PRIMARY KEY (name, key));
+CREATE TABLE IF NOT EXISTS problems (
+    name TEXT PRIMARY KEY, why TEXT NOT NULL, at TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS orders (
     place INTEGER PRIMARY KEY AUTOINCREMENT, number TEXT NOT NULL UNIQUE, body TEXT NOT NULL,
     is_over INTEGER NOT NULL);
@@ -187,6 +191,26 @@ class Book:
             gone = db.execute("DELETE FROM refused WHERE name = ? AND key = ?", (courier, key))
             return gone.rowcount > 0
 
+    def note_problem(self, courier: str, why: str) -> None:
+        """Note why nothing goes out to a receiver.
+
+        Parameters
+        ----------
+        courier : its name
+        why : as a sentence; empty once all is well
+        """
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        with self._open() as db:
+            db.execute("DELETE FROM problems WHERE name = ?", (courier,))
+            if why:
+                db.execute("INSERT INTO problems VALUES (?, ?, ?)", (courier, why[:2000], now))
+
+    def problems(self) -> dict[str, tuple[str, str]]:
+        """Return why nothing goes out, and since when, by receiver."""
+        with self._open() as db:
+            found = db.execute("SELECT name, why, at FROM problems")
+            return {name: (why, at) for name, why, at in found}
+
     def orders(self, *, are_open: bool = False) -> list[str]:
         """Return orders as JSON, oldest first; all, or those that are not over."""
         with self._open() as db:
@@ -255,22 +279,29 @@ class Outbox:
         self._cell = cell
         self._from_start = from_start
         self._mark: object = None
-        self.problem = ""
-        """Why nothing goes out now; empty while all is well."""
 
     async def run(self) -> None:
         """Deliver until cancelled."""
-        pause_s = FIRST_PAUSE_WALL_S
+        pause_s, told = FIRST_PAUSE_WALL_S, ""
+        await asyncio.to_thread(self._book.note_problem, self._courier.name, "")
         while True:
             try:
                 await self.deliver_new()
             except (OSError, TimeoutError, JournalError, OutboxError) as error:
                 # one that is away for three days is asked every five minutes
-                self.problem, self._mark = str(error) or type(error).__name__, None
+                why, self._mark = str(error) or type(error).__name__, None
+                if why != told:
+                    told = why
+                    log.warning("%s: %s", self._courier.name, why)
+                    with suppress(OutboxError):  # its file is the problem
+                        await asyncio.to_thread(self._book.note_problem, self._courier.name, why)
                 await asyncio.sleep(pause_s)
                 pause_s = min(2 * pause_s, LONGEST_PAUSE_WALL_S)
             else:
                 pause_s = FIRST_PAUSE_WALL_S
+                if told:
+                    told = ""
+                    await asyncio.to_thread(self._book.note_problem, self._courier.name, "")
                 await asyncio.sleep(POLL_WALL_S)
 
     async def deliver_new(self) -> None:
@@ -289,7 +320,7 @@ class Outbox:
         await asyncio.to_thread(self._begin, every)
         for key, path in every:
             await self._deliver_from(key, path)
-        self._mark, self.problem = mark, ""
+        self._mark = mark
 
     def _begin(self, every: tuple[tuple[str, Path], ...]) -> None:
         """Give a receiver that is new its place in the journals that are there."""

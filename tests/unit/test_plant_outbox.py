@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import sqlite3
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from results_bench import RunWriter, bad_run, good_run, verdict, view
 
 from controller.cell.custody import Custody
 from controller.cell.journal import JOURNAL_NAME, append_beside, rows
+from controller.cli import main
 from controller.plant.folding import notices_after, result_of, whole_result
 from controller.plant.model import AlarmNotice, Notice, PartResult
 from controller.plant.outbox import Book, Outbox, OutboxError, behind, resume
@@ -173,6 +175,48 @@ def test_a_receiver_that_was_away_gets_all_that_came_meanwhile(tmp_path: Path) -
     deliver(tmp_path, receiver)
     parts = [key for key in receiver.taken if "alarm" not in key]
     assert [key.split("/")[1][:8] for key in parts] == [f"2026030{day}" for day in range(1, 6)]
+
+
+@pytest.mark.usefixtures("no_pause")
+def test_why_nothing_goes_out_is_known_until_it_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("controller.plant.outbox.POLL_WALL_S", 0.0)
+    good_run(tmp_path)
+    seen: list[dict[str, tuple[str, str]]] = []
+    codes: list[int] = []
+
+    class Away(Receiver):
+        async def deliver(self, notice: Notice) -> None:
+            seen.append(Book(tmp_path).problems())
+            if len(seen) == 2:
+                codes.append(await asyncio.to_thread(main, ["deliveries", "--runs", str(tmp_path)]))
+            if len(seen) < 3:
+                raise ConnectionError("no route to the plant")
+            await super().deliver(notice)
+
+    class Watched(Book):
+        def note_problem(self, courier: str, why: str) -> None:
+            super().note_problem(courier, why)
+            if seen and not why:
+                loop.call_soon_threadsafe(is_well.set)
+
+    async def work(receiver: Away) -> None:
+        outbox = Outbox(tmp_path, Watched(tmp_path), receiver, "cell-3", from_start=True)
+        running = asyncio.create_task(outbox.run())
+        await is_well.wait()
+        running.cancel()
+
+    loop, is_well = asyncio.new_event_loop(), asyncio.Event()
+
+    with contextlib.closing(loop):
+        loop.run_until_complete(work(Away()))
+        loop.run_until_complete(loop.shutdown_default_executor())
+    assert Book(tmp_path).problems() == {}
+    assert [[why for why, _ in one.values()] for one in seen[:3]] == [
+        [], ["no route to the plant"], ["no route to the plant"],
+    ]  # fmt: skip
+    assert codes == [1]
 
 
 @pytest.mark.usefixtures("no_pause")

@@ -74,7 +74,7 @@ def connect_cell(
 
 
 def show_deliveries(runs_dir: Path, resumed: str, dropped: str, *, as_json: bool) -> int:
-    """Print how far each receiver is; return 0, or 1 where one has refused something.
+    """Print how far each receiver is; return 0, or 1 where one is away or has refused something.
 
     Parameters
     ----------
@@ -100,18 +100,22 @@ def show_deliveries(runs_dir: Path, resumed: str, dropped: str, *, as_json: bool
         if resumed not in known:
             raise ConfigError(f"--resume {resumed}: there are {', '.join(sorted(known)) or 'none'}")
         resume(runs_dir, book, resumed)
+    problems = book.problems()
     for place in book.places():
         if not place.journal:
             continue
         rows = behind(runs_dir, place)
+        why, since = problems.get(place.courier, ("", ""))
         if as_json:
             emit(
                 {"event": "receiver", "receiver": place.courier, "journal": place.journal,
-                 "row": place.head.seq, "behind": rows}
+                 "row": place.head.seq, "behind": rows, "problem": why, "since": since}
             )  # fmt: skip
         else:
             words = "its journal is gone" if rows is None else f"{rows} rows behind"
             print_line(f"{place.courier}: row {place.head.seq}, {words}")
+            if why:
+                print_line(f"  since {since}: {why}")
     refused = book.refused()
     for notice in refused:
         if as_json:
@@ -121,7 +125,7 @@ def show_deliveries(runs_dir: Path, resumed: str, dropped: str, *, as_json: bool
             )  # fmt: skip
         else:
             print_line(f"refused by {notice.courier} at {notice.at}: {notice.key}: {notice.why}")
-    return 1 if refused else 0
+    return 1 if refused or problems else 0
 
 
 def show_orders(runs_dir: Path, released: tuple[str, ...], *, as_json: bool) -> int:

@@ -114,7 +114,9 @@ def require_packages() -> None:
     """
     missing = [name for name in PACKAGES if find_spec(name) is None]
     if missing:
-        raise ConfigError(f"the page and REST need {' and '.join(missing)}: pip install 'cellctl[page]'")
+        raise ConfigError(
+            f"the page and REST need {' and '.join(missing)}: pip install 'cellctl[page]'"
+        )
 
 
 def require_free(host: str, port: int) -> None:

@@ -1,5 +1,6 @@
 """Numbers, ranges, boxes and poses of a cell file. mm, degrees."""
 
+import re
 from collections.abc import Mapping
 from typing import Annotated
 
@@ -13,14 +14,23 @@ from ..yaml_models import Section
 Number = Annotated[float, Field(ge=-50_000, le=50_000)]  # no cell is 50 m wide
 Vec2 = tuple[Number, Number]
 Vec3 = tuple[Number, Number, Number]
-# Host and port, as in 127.0.0.1:8471 or [::1]:8471
-Listen = Annotated[str, Field(pattern=r"^(\[[0-9a-fA-F:]+\]|[A-Za-z0-9.-]+):\d{1,5}$")]
 Length = Annotated[float, Field(ge=10, le=5000)]  # of a link [mm]; given in metres it is below 1
 # Between a camera and the table or the station that it looks at [mm]. A value below 20 is likely to
 # be in metres.
 MIN_HEIGHT_MM, MAX_HEIGHT_MM = 50.0, 20_000.0
 IN_MM = "lengths are in millimetres; are these metres?"
 MAX_ZERO_DEG, MAX_OFF_MM = 5.0, 20.0  # an arm that is farther off wants mending, not measuring
+LISTEN = re.compile(r"(\[[0-9a-fA-F:]+\]|[A-Za-z0-9.-]+):(\d{1,5})")
+
+
+def _address_and_port(text: str) -> str:
+    found = LISTEN.fullmatch(text)
+    if found is None or not 0 < int(found[2]) < 2**16:
+        raise ValueError("must be an address and a port, as in 127.0.0.1:8471 or [::1]:8471")
+    return text
+
+
+Listen = Annotated[str, Field(max_length=300), AfterValidator(_address_and_port)]
 
 
 def rising(bounds: tuple[float, ...]) -> tuple[float, ...]:

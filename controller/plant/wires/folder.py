@@ -6,6 +6,7 @@ by a child process with a deadline, since a share that hangs hangs whoever write
 
 import asyncio
 import json
+import logging
 import re
 import sys
 from contextlib import suppress
@@ -17,6 +18,7 @@ from controller.config.cell.connect import FolderSection
 from ..model import Notice, PartResult
 from ..plant import Plant, PlantError, RejectedError
 
+log = logging.getLogger(__name__)
 WRITE_WALL_S: Final = 30.0
 KILL_WALL_S: Final = 2.0
 UNSAFE: Final = re.compile(r"[^\w.+-]+")
@@ -76,6 +78,8 @@ class Folder:
 
     async def serve(self, plant: Plant) -> None:
         """Keep what makes the files of other kinds than JSON."""
+        if not await asyncio.to_thread(self._path.is_dir):
+            log.warning("%s: is not there yet; results wait for it", self._path)
         self._plant = plant
         self._has_plant.set()
         await asyncio.Event().wait()

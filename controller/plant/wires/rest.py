@@ -24,6 +24,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from controller.config.cell.connect import RestSection
+from controller.config.files import reason_of
 from controller.page.frame.visit import address_of
 from controller.page.http import Serving, config_of
 from controller.page.security.addresses import is_loopback
@@ -102,7 +103,7 @@ class Rest:
             with socket.create_server((host, port), family=family) as listening:
                 await _Server(config).serve(sockets=[listening])
         except OSError as error:
-            raise PlantError(f"`connect.rest`: {host}:{port}: {error}") from error
+            raise PlantError(f"{host}:{port}: {reason_of(error)}") from error
 
     def app(self, plant: Plant) -> Starlette:
         """Return the application; what it answers is described by docs/plant-api.json."""
