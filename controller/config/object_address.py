@@ -1,5 +1,6 @@
 """The address of a store of objects, as `s3://plant/cell-3`."""
 
+import re
 from urllib.parse import urlsplit
 
 
@@ -11,7 +12,7 @@ def object_address(url: str) -> str:
     ValueError : it has no protocol, or holds a user or an option, which journals would keep
     """
     parts = urlsplit(url)
-    if "://" not in url or "::" in url or not url.isprintable():
+    if "://" not in url or re.search(":{2}", url) or not url.isprintable():
         raise ValueError("must be an address of the form PROTOCOL://PLACE, as s3://plant/cell-3")
     if "@" in parts.netloc or parts.query or parts.fragment:
         raise ValueError(

@@ -25,7 +25,7 @@ LISTEN = re.compile(r"(\[[0-9a-fA-F:]+\]|[A-Za-z0-9.-]+):(\d{1,5})")
 
 def _address_and_port(text: str) -> str:
     found = LISTEN.fullmatch(text)
-    if found is None or not 0 < int(found[2]) < 2**16:
+    if found is None or int(found[2]) >= 2**16:
         raise ValueError("must be an address and a port, as in 127.0.0.1:8471 or [::1]:8471")
     return text
 

@@ -24,6 +24,7 @@ MEANS = {
     "lit in a way": "learning from good parts; another lamp or view",
     "too near to an edge": "a finer camera",
     "in pictures that failed": "the next part; the view's own reason says what failed",
+    "on the code": "a code on another face",
     "left out": "a smaller `least_gain`",
 }
 
