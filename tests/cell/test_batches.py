@@ -66,7 +66,7 @@ def test_a_killed_batch_goes_on_with_the_recipe_of_the_part_in_the_gripper(
     for one in finished:  # each was judged by its own recipe, from its own CAD
         assert one.header.recipe == f"{one.header.part}.yaml"
         assert one.header.cad == f"{one.header.part}.stl"
-        views = one.folder / f"part{one.part.number:03d}.views.json"
+        views = runs / one.header.run_id / f"part{one.part.number:03d}.views.json"
         if views.is_file():
             file = load_view_set(views)
             assert file.recipe is not None

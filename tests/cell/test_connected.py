@@ -144,6 +144,7 @@ def test_an_order_ends_with_its_result_though_the_bridge_is_killed_meanwhile(
         ended = plant.ask("GET", "/orders/PO-1")
         assert (ended["state"], ended["done"], ended["accepted"]) == ("done", 1, 1)
         plant.until(lambda: list((tmp_path / "out").glob("*.json")))
+        plant.until(lambda: any("verdict" in one for one in plant.got))
     finally:
         assert bridge.end(signal.SIGTERM) == 0
     runs = [path.name for path in (tmp_path / "runs").iterdir() if re.match(r"\d{8}-", path.name)]
