@@ -351,7 +351,9 @@ def test_the_same_batch_again_is_the_one_primary_button_and_one_click(
     until(tab, lambda: "holder × 7 · holder × 2 · lot L 7" in tab.inner_text("#again-words"))
     assert "count on" in tab.inner_text("#again-words")
     tab.click("#again")
-    until(tab, lambda: begun == [last.again])
+    again = last.again
+    assert again is not None
+    until(tab, lambda: [one.model_dump() for one in begun] == [again.model_dump()])
 
 
 def test_a_run_that_is_being_prepared_says_for_how_long_and_is_cancelled(
