@@ -141,14 +141,15 @@ async def _serve(
     cell, runs_dir = options.cell.name, options.runs_dir
     more = (f"--cell={options.cell_path.absolute()}", *options.run_options)
     launcher = Launcher(runs_dir, options.project_dir, more=more, executor=spawner)
-    orders = OrderBook(runs_dir, book, cell, launcher, connect.may_start)
+    reader = StateReader(runs_dir, cell, connect.may_start)
+    orders = OrderBook(runs_dir, book, cell, launcher, connect.may_start, reader.standing)
     plant = CellPlant(
         runs_dir,
         options.project_dir,
         cell,
         software_versions().get("cellctl", ""),
         sha256(options.cell_path.read_bytes()).hexdigest(),
-        StateReader(runs_dir, cell, connect.may_start),
+        reader,
         orders,
         launcher,
         Accounts(accounts_path()),

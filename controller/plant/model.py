@@ -49,7 +49,14 @@ Packml = Literal[
     "Holding", "Held", "Unholding", "Suspending", "Unsuspending", "Resetting", "Completing",
     "Complete", "Clearing",
 ]  # fmt: skip
+# OMAC PackML (ANSI/ISA-TR88.00.02-2022), OPC 30050 StateCurrent: numbers of the states
+PACKML_NUMBERS: Final[Mapping[Packml, int]] = {
+    "Clearing": 1, "Stopped": 2, "Starting": 3, "Idle": 4, "Suspended": 5, "Execute": 6,
+    "Stopping": 7, "Aborting": 8, "Aborted": 9, "Holding": 10, "Held": 11, "Unholding": 12,
+    "Suspending": 13, "Unsuspending": 14, "Resetting": 15, "Completing": 16, "Complete": 17,
+}  # fmt: skip
 OrderWord = Literal["queued", "asked", "running", "done", "stopped", "refused"]
+OPEN: Final[frozenset[OrderWord]] = frozenset({"queued", "asked", "running"})
 
 
 class Payload(BaseModel):
@@ -353,6 +360,11 @@ class OrderState(Payload):
     accepted: int = 0
     rejected: int = 0
     quarantined: int = 0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether something may still become of it."""
+        return self.state in OPEN
 
 
 Notice = PartResult | AlarmNotice

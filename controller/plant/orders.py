@@ -6,7 +6,7 @@ before, and whether it has begun is read from the journal.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -14,29 +14,31 @@ from typing import Any, Final, Literal
 
 from pydantic import ValidationError
 
-from controller.cell.control import standing_of
+from controller.cell.control import StandingReply
 from controller.cell.devices.lock import LOCK_NAME, read_holder
 from controller.cell.journal import (
     JOURNAL_NAME,
     JournalError,
-    read_rows_after,
     read_rows_named,
     rows,
 )
 from controller.launching import CountedRecipe, Launcher, LaunchRefusedError, RunRequest
 
-from .model import OrderRequest, OrderState, OrderWord
+from .model import Disposition, OrderRequest, OrderState, OrderWord
 from .outbox import Book
 from .plant import RefusedError, UnknownError
+from .tally import RunTally
 
 POLL_WALL_S: Final = 0.5
 # A run that was started writes its first row within this time, on a busy machine, too; planning may
 # come before it.
 BEGIN_WALL_S: Final = 1800.0
-OVER: Final[frozenset[OrderWord]] = frozenset({"done", "stopped", "refused"})
 MAX_NUMBER: Final = 80
 MAX_OPEN: Final = 1000
-TRAYS: Final = {"accept": "accepted", "reject": "rejected", "quarantine": "quarantined"}
+# Names of an order's counts, by where the parts went.
+COUNTED: Final[Mapping[Disposition, str]] = {
+    "accept": "accepted", "reject": "rejected", "quarantine": "quarantined",
+}  # fmt: skip
 
 
 class OrderBook:
@@ -49,6 +51,7 @@ class OrderBook:
     cell : name of the cell
     launcher : starts runs
     may_start : the cell file's permit
+    standing : returns what is known of the cell without asking a run
     now : UTC
     """
 
@@ -59,6 +62,7 @@ class OrderBook:
         cell: str,
         launcher: Launcher,
         may_start: Literal["never", "asked", "yes"],
+        standing: Callable[[], StandingReply],
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
         self._runs_dir = runs_dir
@@ -67,7 +71,9 @@ class OrderBook:
         self._cell = cell
         self._launcher = launcher
         self._may_start = may_start
+        self._standing = standing
         self._now = now
+        self._tally: RunTally | None = None
         self._changes: set[asyncio.Queue[OrderState]] = set()
         self._one_at_a_time = asyncio.Lock()
         self._has_new = asyncio.Event()
@@ -99,7 +105,7 @@ class OrderBook:
                     raise RefusedError(
                         f"order {number} is {known.state} with other contents; give a new number"
                     )
-            if sum(one.state not in OVER for one in kept.values()) >= MAX_OPEN:
+            if sum(one.is_open for one in kept.values()) >= MAX_OPEN:
                 raise RefusedError(f"{MAX_OPEN} orders wait already")
             now = self._now()
             state, reason = await self._first_word(request)
@@ -205,7 +211,7 @@ class OrderBook:
 
     def _why_not(self) -> str:
         """Return why no run can begin now; empty if one can."""
-        standing = standing_of(self._runs_dir)
+        standing = self._standing()
         return "" if standing.state == "free" else standing.message or "the cell is not free"
 
     async def _follow(self, one: OrderState) -> None:
@@ -222,7 +228,7 @@ class OrderBook:
             await self._change(one, "refused", why.removeprefix("cellctl: "))
         elif facts is None and one.started is not None:
             # started by a bridge that is gone; its run may still be planning
-            standing = await asyncio.to_thread(standing_of, self._runs_dir)
+            standing = await asyncio.to_thread(self._standing)
             is_late = self._now() - one.started > timedelta(seconds=BEGIN_WALL_S)
             if standing.state != "taken" and is_late:
                 await self._change(
@@ -231,43 +237,44 @@ class OrderBook:
 
     def _progress(self, one: OrderState) -> dict[str, Any] | None:
         """Return what the journal has of an order's run; None before its first row."""
-        assert one.started is not None
         if not self._journal.is_file():
             return None
         # asked before the rows: a run that ends meanwhile has written its last row
         has_cell = read_holder(self._runs_dir / LOCK_NAME) is not None
+        run = one.run or self._run_of(one)
+        if run is None:
+            return None
+        if self._tally is None or self._tally.run != run:
+            self._tally = RunTally(self._journal, run)
+        tally = self._tally
+        tally.look()
+        assert tally.began is not None  # by which the run was found
+        done, quantity = len(tally.trays), tally.began.count
+        state: OrderWord = "running"
+        reason = ""
+        if tally.end is not None:
+            word = str(tally.end.body.get("end", "broke_off"))
+            state = "done" if word == "complete" and done >= (quantity or 1) else "stopped"
+            reason = "" if state == "done" else str(tally.end.body.get("message") or word)
+        elif not has_cell:
+            state, reason = "stopped", "the run was cut off"
+        counts = {name: tally.counts.get(tray, 0) for tray, name in COUNTED.items()}
+        return {
+            "run": run, "quantity": quantity, "done": done, **counts, "state": state,
+            "reason": reason,
+        }  # fmt: skip
+
+    def _run_of(self, one: OrderState) -> str | None:
+        """Return the run that was started for an order; None before its first row."""
+        assert one.started is not None
         # the journal's clock may be a little behind this process's own
         earliest = (one.started - timedelta(seconds=2)).isoformat()
         began = [
-            row
-            for row in read_rows_named(self._journal, (rows.RunBegan.row_name,))
-            if row.body.get("order_number") == one.number and row.t_utc >= earliest
+            row.run
+            for row in read_rows_named(self._journal, (rows.RunBegan.row_name,), earliest)
+            if row.body.get("order_number") == one.number
         ]
-        if not began:
-            return None
-        run, body = began[-1].run, rows.RunBegan.model_validate(began[-1].body)
-        counts = dict.fromkeys(TRAYS.values(), 0)
-        parts: set[int | None] = set()  # one may be booked twice, before and after a person's word
-        end = None
-        for row in read_rows_after(self._journal, began[-1].seq, run):
-            if row.name == rows.PartDone.row_name and row.part not in parts:
-                if (tray := TRAYS.get(str(row.body.get("tray")))) is not None:
-                    parts.add(row.part)
-                    counts[tray] += 1
-            elif row.name in (rows.RunEnded.row_name, rows.RunBrokeOff.row_name):
-                end = row
-        state: OrderWord = "running"
-        reason = ""
-        if end is not None:
-            word = str(end.body.get("end", "broke_off"))
-            state = "done" if word == "complete" and len(parts) >= (body.count or 1) else "stopped"
-            reason = "" if state == "done" else str(end.body.get("message") or word)
-        elif not has_cell:
-            state, reason = "stopped", "the run was cut off"
-        return {
-            "run": run, "quantity": body.count, "done": len(parts), **counts, "state": state,
-            "reason": reason,
-        }  # fmt: skip
+        return began[-1] if began else None
 
     def _all(self) -> dict[str, OrderState]:
         return all_orders(self._book)
@@ -308,7 +315,7 @@ def all_orders(book: Book, *, are_open: bool = False) -> dict[str, OrderState]:
 def keep(book: Book, order: OrderState) -> None:
     """Keep an order."""
     body = order.model_dump_json(by_alias=True)
-    book.put_order(order.number, body, is_over=order.state in OVER)
+    book.put_order(order.number, body, is_over=not order.is_open)
 
 
 def release(book: Book, numbers: Sequence[str], who: str) -> list[OrderState]:

@@ -1,7 +1,8 @@
 """The state of a cell for a plant: by its control socket, else by lock and journal. Reads only."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -20,11 +21,10 @@ from controller.cell.journal import (
     JOURNAL_NAME,
     JournalError,
     journal_mark,
-    read_rows_after,
-    rows,
 )
 
-from .model import CellState, Disposition, Packml, Question
+from .model import CellState, Packml, Question
+from .tally import RunTally
 
 # The first word of a state of ours, in PackML's own words.
 PACKML: Final[Mapping[str, Packml]] = {
@@ -57,7 +57,7 @@ class StateReader:
     cell: str
     may_start: Literal["never", "asked", "yes"]
     _mark: object = None
-    _of_run: dict[str, Any] = field(default_factory=dict)
+    _tally: RunTally | None = None
     _standing: StandingReply | None = None
     _standing_mark: object = None
 
@@ -72,35 +72,45 @@ class StateReader:
 
     def _with_run(self, found: StatusReply) -> CellState:
         question = found.question
-        of_run = self._journaled(found.run)
+        tally = self._counted(found.run)
+        began = tally.began
         barred = found.question.text if found.question else found.message or found.barred
         return self._made(
             found.state,
             message=barred,
             run=found.run,
-            recipe=found.recipe or of_run.get("recipe"),
-            order=of_run.get("order"),
-            part=of_run.get("part", 0),
+            recipe=found.recipe or (began and str(began.recipe.get("name", ""))) or None,
+            order=(began and began.order_number) or None,
+            part=tally.part,
             serial=found.serial or None,
             question=None
             if question is None
             else Question(number=question.number, code=question.code, text=question.text),
             alarms=found.alarms,
             done=found.done,
-            counts=of_run.get("counts", {}),
-            is_emulated=of_run.get("is_emulated"),
+            counts=tally.counts,
+            is_emulated=None if began is None else bool(began.emulated_devices),
         )
+
+    def standing(self) -> StandingReply:
+        """Return what is known without asking a run; read anew where lock or journal have changed.
+
+        Raises
+        ------
+        JournalError : the journal cannot be read
+        OSError : the folder cannot be read
+        """
+        holder = read_holder(self.runs_dir / LOCK_NAME)
+        mark = (journal_mark(self.runs_dir / JOURNAL_NAME), holder)
+        if self._standing is None or mark != self._standing_mark:
+            self._standing, self._standing_mark = standing_of(self.runs_dir), mark
+        return self._standing
 
     def _without_run(self) -> CellState:
         try:
-            mark = journal_mark(self.runs_dir / JOURNAL_NAME)
-            is_held = read_holder(self.runs_dir / LOCK_NAME) is not None
-            known = (mark, is_held)
-            if self._standing is None or is_held or known != self._standing_mark:
-                self._standing, self._standing_mark = standing_of(self.runs_dir), known
+            standing = self.standing()
         except (JournalError, OSError) as error:
             return self._made("unknown", message=str(error))
-        standing = self._standing
         is_run = standing.holder is not None and bool(standing.holder.control)
         state = "starting" if is_run else standing.state
         return self._made(
@@ -119,31 +129,14 @@ class StateReader:
             **more,
         )
 
-    def _journaled(self, run: str) -> Mapping[str, Any]:
-        """Return what the journal has of a run."""
+    def _counted(self, run: str) -> RunTally:
+        """Return what the journal has of a run; what it had, where it cannot be read now."""
         journal = self.runs_dir / JOURNAL_NAME
-        try:
-            mark = (run, *journal_mark(journal))
-            if mark == self._mark:
-                return self._of_run
-            found: dict[str, Any] = {} if self._of_run.get("run") != run else {**self._of_run}
-            counts: dict[Disposition, int] = dict(found.get("counts", {}))
-            for row in read_rows_after(journal, found.get("seq", 0), run):
-                found["seq"] = row.seq
-                if row.part:
-                    found["part"] = row.part
-                if row.name == rows.RunBegan.row_name:
-                    began = rows.RunBegan.model_validate(row.body)
-                    found["order"] = began.order_number or None
-                    found["recipe"] = str(began.recipe.get("name", "")) or None
-                    found["is_emulated"] = bool(began.emulated_devices)
-                elif row.name == rows.PartDone.row_name:
-                    tray = row.body.get("tray")
-                    for one in ("accept", "reject", "quarantine"):
-                        if tray == one:
-                            counts[one] = counts.get(one, 0) + 1
-        except (JournalError, OSError, ValueError):
-            return {}  # the status is told without it
-        self._of_run = {**found, "run": run, "counts": counts}
-        self._mark = mark
-        return self._of_run
+        if self._tally is None or self._tally.run != run:
+            self._tally, self._mark = RunTally(journal, run), None
+        with suppress(JournalError, OSError, ValueError):  # the status is told without it
+            mark = journal_mark(journal)
+            if mark != self._mark:
+                self._tally.look()
+                self._mark = mark
+        return self._tally

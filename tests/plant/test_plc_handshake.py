@@ -11,7 +11,7 @@ from fake_plant import AT, idle_state, part_result
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from controller.plant.model import OrderRequest, OrderState
+from controller.plant.model import PACKML_NUMBERS, OrderRequest, OrderState
 from controller.plant.wires.plc import registers
 from controller.plant.wires.plc.handshake import (
     MAX_WAITING,
@@ -22,7 +22,6 @@ from controller.plant.wires.plc.handshake import (
     StopCell,
 )
 from controller.plant.wires.plc.registers import (
-    PACKML_NUMBERS,
     Command,
     CommandBit,
     Reason,

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from results_bench import CELL, RunWriter
 
 from controller.cell.batch import Papers
-from controller.cell.control import socket_path
+from controller.cell.control import socket_path, standing_of
 from controller.cell.devices.lock import hold_cell
 from controller.config import load_cell
 from controller.launching import Launcher
@@ -58,7 +58,13 @@ class Desk:
         launcher = Launcher(self.runs, self.folder, command)
         self.book = Book(self.runs)
         self.orders = OrderBook(
-            self.runs, self.book, "cell-3", launcher, may_start, lambda: self.now
+            self.runs,
+            self.book,
+            "cell-3",
+            launcher,
+            may_start,
+            lambda: standing_of(self.runs),
+            lambda: self.now,
         )
         self.launcher = launcher
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 from ..custody import CellIdentity, Held, custody_of, fold_custody, read_folded
 from ..custody.start_check import known_words
 from ..devices.lock import LOCK_NAME, read_holder
-from ..journal import JOURNAL_NAME, newest_run, read_rows_named, rows
+from ..journal import JOURNAL_NAME, newest_run, rows, rows_of_parts
 from ..operator import fold_latch
 from .words import HolderReply
 
@@ -86,10 +86,11 @@ def standing_of(runs_dir: Path) -> StandingReply:
 
 def _after(journal: Path, run: str) -> StandingReply:
     """Return what is known after a run."""
-    found = {row.name: row for row in read_rows_named(journal, ("run_began", "run_ended"))
-             if row.run == run}  # fmt: skip
-    began = rows.RunBegan.model_validate(found["run_began"].body) if "run_began" in found else None
-    ended = rows.RunEnded.model_validate(found["run_ended"].body) if "run_ended" in found else None
+    names = (rows.RunBegan.row_name, rows.RunEnded.row_name)
+    found = {row.name: row.body for row in rows_of_parts(journal, run, (), names=names)}
+    first, last = (found.get(name) for name in names)
+    began = None if first is None else rows.RunBegan.model_validate(first)
+    ended = None if last is None else rows.RunEnded.model_validate(last)
     cell = "" if began is None else str(began.cell.get("name", ""))
     left = () if began is None else left_in_grippers(journal, began)
     latch = fold_latch(journal, cell)

@@ -72,14 +72,20 @@ def read_rows_of_kinds(
     yield from _rows(path, where, values)
 
 
-def read_rows_named(path: Path, names: Sequence[str]) -> Iterator[Row]:
+def read_rows_named(path: Path, names: Sequence[str], since: str = "") -> Iterator[Row]:
     """Yield the rows of some names, of all runs, in order.
+
+    Parameters
+    ----------
+    path : the journal
+    names : of the rows
+    since : time of the first row that counts (UTC, ISO 8601); empty for all
 
     Raises
     ------
     JournalError : no journal there, or one of another version
     """
-    yield from _rows(path, f" WHERE name IN ({_marks(names)})", [*names])
+    yield from _rows(path, f" WHERE name IN ({_marks(names)}) AND t_utc >= ?", [*names, since])
 
 
 def read_rows_counted(path: Path, names: Sequence[str]) -> Iterator[Row]:

@@ -17,12 +17,11 @@ from asyncua import Node, Server, ua
 from asyncua.common.instantiate_util import instantiate
 
 from controller.memory import give_back
-from controller.plant.model import CellState
+from controller.plant.model import PACKML_NUMBERS, CellState
 
 from .states import (
     OPERATIONAL,
     OPERATIONAL_PLACES,
-    PACKML_NUMBERS,
     Place,
     Step,
     item_word,

@@ -214,14 +214,6 @@ def item_word(cell: CellState) -> ItemWord:
     return "NotExecuting"
 
 
-# OPC 30050, StateCurrent: ISA-TR88.00.02, numbers of the states
-PACKML_NUMBERS: Final[Mapping[str, int]] = {
-    "Clearing": 1, "Stopped": 2, "Starting": 3, "Idle": 4, "Suspended": 5, "Execute": 6,
-    "Stopping": 7, "Aborting": 8, "Aborted": 9, "Holding": 10, "Held": 11, "Unholding": 12,
-    "Suspending": 13, "Unsuspending": 14, "Resetting": 15, "Completing": 16, "Complete": 17,
-}  # fmt: skip
-
-
 class SystemState(StrEnum):
     """SEMI E10's six states, OPC 40100-1, 12.22; the names of the NodeSet."""
 

@@ -40,7 +40,6 @@ log = logging.getLogger(__name__)
 SOURCE: Final = "by OPC UA"
 # A call waits this long for the cell: homing is not waited for, an order is answered at once.
 CALL_MAX_WALL_S: Final = 20.0
-OPEN: Final = ("queued", "asked", "running")
 BEGUN: Final = ("queued", "running")
 
 
@@ -132,7 +131,7 @@ class VisionSystem:
         async with self._turn:
             await self._space.show_place(self._place)
             for order in await self.plant.orders():
-                if order.source.endswith(SOURCE) and order.state in OPEN:
+                if order.source.endswith(SOURCE) and order.is_open:
                     self._job = Job(order.number, _kind(order), order.state)
             self._cell = await self.plant.state()
             await self._settle()
@@ -154,7 +153,7 @@ class VisionSystem:
             if self._job is None or order.number != self._job.order:
                 return
             self._job = replace(self._job, state=order.state)
-            if order.state not in OPEN:
+            if not order.is_open:
                 if order.reason:
                     await self._events.raised(
                         "Information", f"job {order.number} is {order.state}: {order.reason}"
@@ -274,7 +273,7 @@ class VisionSystem:
             order = await self.plant.order(number, request, f"{account} {SOURCE}")
             if order.state == "refused":
                 raise NotDoneError(Refusal.REFUSED, order.reason or "the cell refuses the order")
-            if order.state in OPEN:
+            if order.is_open:
                 self._job = Job(number, kind, order.state)
             return number
 

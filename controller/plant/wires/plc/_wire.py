@@ -12,7 +12,7 @@ from controller.config.cell.plc import PlcSection
 from ...model import Notice, OrderRequest, OrderState, PartResult
 from ...plant import Plant, PlantError
 from ._server import ModbusServer
-from .handshake import MAX_WAITING, ORDER_IS_OPEN, Action, Handshake, StartOrder
+from .handshake import MAX_WAITING, Action, Handshake, StartOrder
 from .registers import COMMAND, COUNT, CommandBit, Reason, read_command
 
 log = logging.getLogger(__name__)
@@ -128,7 +128,7 @@ class PlcWire:
         change = asyncio.ensure_future(anext(changes))  # asked for first, so that none is missed
         try:
             for order in await plant.orders():
-                if order.source == SOURCE and order.state in ORDER_IS_OPEN:
+                if order.source == SOURCE and order.is_open:
                     self._handshake.taken(order)
                 self._heed(order)
             orders_known.set()

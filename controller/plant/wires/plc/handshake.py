@@ -15,14 +15,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from ...model import CellState, OrderState, PartResult
+from ...model import PACKML_NUMBERS, CellState, OrderState, PartResult
 from .registers import (
     ALARM,
     COUNT,
     HEARTBEAT,
     MAP_VERSION,
     PACKML,
-    PACKML_NUMBERS,
     REFUSAL,
     STATUS,
     VERSION,
@@ -39,7 +38,6 @@ HEARTBEAT_S: Final = 0.1
 STANDS_S: Final = 2.0
 # Results that may wait for the PLC before it gets no further start, as on other makers' cameras.
 MAX_WAITING: Final = 8
-ORDER_IS_OPEN: Final = frozenset({"queued", "asked", "running"})
 FAULTS: Final = frozenset({"Aborting", "Aborted", "Clearing"})
 
 
@@ -134,7 +132,7 @@ class Handshake:
         if self._is_pending:
             self._is_pending = False
             self._is_acknowledged = bool(self._last_bits & CommandBit.START)
-        self._order = order if order.state in ORDER_IS_OPEN else None
+        self._order = order if order.is_open else None
         if order.state == "refused":
             self._is_acknowledged = False
             self.fail(CommandBit.START, Reason.ORDER_REFUSED)

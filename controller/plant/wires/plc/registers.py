@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Final
 
-from ...model import Disposition, Packml, PartResult
+from ...model import Disposition, PartResult
 
 MAP_VERSION: Final = 1
 COUNT: Final = 120
@@ -82,26 +82,6 @@ class Reason(IntEnum):
     STOP_BIT_IS_SET = 10
 
 
-# OMAC PackML (ANSI/ISA-TR88.00.02-2022): numbers of the states
-PACKML_NUMBERS: Final[dict[Packml, int]] = {
-    "Clearing": 1,
-    "Stopped": 2,
-    "Starting": 3,
-    "Idle": 4,
-    "Suspended": 5,
-    "Execute": 6,
-    "Stopping": 7,
-    "Aborting": 8,
-    "Aborted": 9,
-    "Holding": 10,
-    "Held": 11,
-    "Unholding": 12,
-    "Suspending": 13,
-    "Unsuspending": 14,
-    "Resetting": 15,
-    "Completing": 16,
-    "Complete": 17,
-}
 DISPOSITIONS: Final[dict[Disposition | None, int]] = {
     None: 0,
     "accept": 1,
