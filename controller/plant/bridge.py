@@ -19,7 +19,7 @@ from controller.launching import Launcher, RecipeChoice
 from controller.page.security import Accounts, AccountsError, Role
 from controller.results.run import ResultsError
 
-from .folding import exported, notices_after, result_of, whole_result
+from .folding import TELLING, exported, notices_after, result_of, whole_result
 from .model import CellState, OrderRequest, OrderState, PartResult
 from .orders import OrderBook
 from .outbox import FIRST_PAUSE_WALL_S, Outbox
@@ -207,7 +207,9 @@ class CellPlant:
             return ()
         try:
             while len(found) < limit:
-                told, last = notices_after(self._journal, self.cell, after)
+                told, last = notices_after(
+                    self._journal, self.cell, after, names=TELLING, count=limit - len(found)
+                )
                 found += [
                     one for _, notices in told for one in notices if isinstance(one, PartResult)
                 ]

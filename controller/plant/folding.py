@@ -1,6 +1,6 @@
 """Makes notices from the journal: the same row always makes the same notices. Reads only."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
@@ -31,6 +31,8 @@ DONE, REVIEWED, FOLLOWED = (
     rows.PartDone.row_name, rows.PartReviewed.row_name, rows.PartFollowed.row_name,
 )  # fmt: skip
 ENDED: Final = (rows.RunEnded.row_name, rows.RunBrokeOff.row_name)
+OF_PART: Final = (DONE, REVIEWED, FOLLOWED)
+TELLING: Final = (*OF_PART, *ENDED)
 
 
 class UntellableError(Exception):
@@ -47,7 +49,13 @@ class UntellableError(Exception):
 
 
 def notices_after(
-    journal: Path, cell: str, seq: int, until: int | None = None
+    journal: Path,
+    cell: str,
+    seq: int,
+    until: int | None = None,
+    *,
+    names: Collection[str] = (),
+    count: int = READ_COUNT,
 ) -> tuple[list[tuple[int, list[Notice | UntellableError]]], int]:
     """Return what the next rows of a journal tell, row by row, and the last row looked at.
 
@@ -57,13 +65,14 @@ def notices_after(
     cell : name of the cell, where a run does not give it
     seq : the last row that is known, 0 for none
     until : rows after this one are left alone; None for no such row
+    names : names of the rows that are looked at; all if empty
+    count : most rows that are looked at
 
     Raises
     ------
     JournalError : the journal cannot be read
     """
-    new = rows_behind(journal, seq, READ_COUNT)
-    new = [row for row in new if until is None or row.seq <= until]
+    new = rows_behind(journal, seq, count, until, names)
     told = [(row.seq, list(_told_by(journal, cell, row))) for row in new]
     return [one for one in told if one[1]], new[-1].seq if new else seq
 
@@ -86,7 +95,7 @@ def result_of(
     ResultsError : it has no such part or revision, or one that cannot be read
     """
     first = row_at(journal, 1)
-    telling = _telling(rows_of_parts(journal, run, [part]), part)
+    telling = _telling(rows_of_parts(journal, run, [part], names=TELLING), part)
     if first is None or not telling or not 0 < (revision or 1) <= len(telling):
         what = "" if revision is None else f", revision {revision}"
         raise ResultsError(f"run {run} has no finished part {part}{what}")
@@ -134,12 +143,13 @@ def exported(journal: Path, result: PartResult, kind: Literal["csv", "qif", "dfq
 
 def _told_by(journal: Path, cell: str, row: Row) -> Iterator[Notice | UntellableError]:
     parts: tuple[int, ...] = ()
-    if row.name in (DONE, REVIEWED, FOLLOWED) and row.part:
+    if row.name in OF_PART and row.part:
         parts = (row.part,)
     elif row.name in ENDED:
         parts = parts_of(journal, row.run)
     for part in parts:
-        telling = _telling(rows_of_parts(journal, row.run, [part], row.seq), part)
+        found = rows_of_parts(journal, row.run, [part], row.seq, TELLING)
+        telling = _telling(found, part)
         if telling and telling[-1].seq == row.seq:
             yield _result_or_why(journal, cell, row.run, part, row.seq)
     alarm = _alarm(cell, row)
@@ -158,7 +168,7 @@ def _telling(found: Sequence[Row], part: int) -> list[Row]:
             is_told = any(one.name in (DONE, *ENDED) for one in telling)
         else:  # a later run without a custody has the part's record itself
             is_followed_there = row.name == FOLLOWED and not row.body.get("custody")
-            is_own = row.part == part and row.name in (DONE, REVIEWED, FOLLOWED)
+            is_own = row.part == part and row.name in OF_PART
             is_told = not is_own or is_followed_there
         if not is_told:
             telling.append(row)

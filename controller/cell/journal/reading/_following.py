@@ -8,7 +8,6 @@ import json
 import sqlite3
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -18,6 +17,8 @@ from .._writer import require_known_version
 from ._reader import BrokenRow, breaks, lossy_text, open_to_read
 
 BATCH_COUNT: Final = 2000  # rows that one read takes
+UNBOUNDED: Final = 2**62  # no row has this number
+COLUMNS: Final = "seq, t_utc, t_mono, run, part, kind, name, body"
 NOTHING: Final = Head(0, GENESIS)
 T = TypeVar("T")
 
@@ -132,13 +133,19 @@ def new_rows(path: Path, after_seq: int, last_seq: int | None = None) -> tuple[N
     )
 
     def read(db: sqlite3.Connection) -> tuple[NewRows, ...]:
-        until = 2**62 if last_seq is None else last_seq
+        until = UNBOUNDED if last_seq is None else last_seq
         return tuple(NewRows(*row) for row in db.execute(query, (after_seq, until)))
 
     return _read(path, read)
 
 
-def rows_behind(path: Path, seq: int, count: int = BATCH_COUNT) -> list[Row]:
+def rows_behind(
+    path: Path,
+    seq: int,
+    count: int = BATCH_COUNT,
+    last_seq: int | None = None,
+    names: Collection[str] = (),
+) -> list[Row]:
     """Return the rows after a row, of all runs, in order; at most a number of them.
 
     Parameters
@@ -146,16 +153,19 @@ def rows_behind(path: Path, seq: int, count: int = BATCH_COUNT) -> list[Row]:
     path : the journal
     seq : number of the last row that is known, 0 for none
     count : most rows
+    last_seq : rows after this one are left out; None for no such row
+    names : names of the rows; all if empty
 
     Raises
     ------
     JournalError : no journal there, one of another version, or one that cannot be read
     """
-    query = (
-        "SELECT seq, t_utc, t_mono, run, part, kind, name, body FROM journal "
-        "WHERE seq > ? ORDER BY seq LIMIT ?"
-    )
-    return _read(path, lambda db: [_row(found) for found in db.execute(query, (seq, count))])
+    until = UNBOUNDED if last_seq is None else last_seq
+    where = f"seq > ? AND seq <= ?{_named(names)}"
+    # nothing but question marks is put into it
+    query = f"SELECT {COLUMNS} FROM journal WHERE {where} ORDER BY seq LIMIT ?"  # nosec B608
+    values = (seq, until, *names, count)
+    return _read(path, lambda db: [_row(found) for found in db.execute(query, values)])
 
 
 def parts_of(path: Path, run: str) -> tuple[int, ...]:
@@ -190,21 +200,22 @@ def rows_of_parts(
     ------
     JournalError : no journal there, one of another version, or one that cannot be read
     """
-    marks = ", ".join("?" for _ in parts)
-    columns = "seq, t_utc, t_mono, run, part, kind, name, body"
-    where = f"run = ? AND seq <= ? AND (coalesce(part, 0) = 0 OR part IN ({marks}))"
-    if names:
-        where += f" AND name IN ({', '.join('?' for _ in names)})"
+    until = UNBOUNDED if last_seq is None else last_seq
+    is_about = f"coalesce(part, 0) = 0 OR part IN ({_marks(parts)})"
+    where = f"run = ? AND seq <= ? AND ({is_about}){_named(names)}"
     # nothing but question marks is put into it
-    query = f"SELECT {columns} FROM journal WHERE {where} ORDER BY seq"  # nosec B608
+    query = f"SELECT {COLUMNS} FROM journal WHERE {where} ORDER BY seq"  # nosec B608
+    values = (run, until, *parts, *names)
+    return _read(path, lambda db: [_row(found) for found in db.execute(query, values)])
 
-    def read(db: sqlite3.Connection) -> list[Row]:
-        until = 2**62 if last_seq is None else last_seq
-        return [
-            _row(found) for found in db.execute(query, tuple(chain((run, until), parts, names)))
-        ]
 
-    return _read(path, read)
+def _named(names: Collection[str]) -> str:
+    """Return the condition that a row has one of some names; none if there are no names."""
+    return f" AND name IN ({_marks(names)})" if names else ""
+
+
+def _marks(values: Collection[object]) -> str:
+    return ", ".join("?" for _ in values)
 
 
 def _row(found: tuple[Any, ...]) -> Row:
