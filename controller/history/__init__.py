@@ -7,7 +7,7 @@
 from .errors import HistoryError, NoSuchPartError
 from .exporting import FORMS, export
 from .figures import GROUPS, EventCount, Figures, Group, figures, group_json, tally_json
-from .filling import Filled, fill, folded, journals_by_key, journals_in
+from .filling import Filled, fill, folded, journals_by_key
 from .migrations import SCHEMA_VERSION
 from .queries import REVIEWS_ASKED, SORTS, Filters, Listed, find_parts, list_parts
 from .series import cells_in, characteristics_in, recipes_in, values_of
@@ -39,7 +39,6 @@ __all__ = [
     "folded",
     "group_json",
     "journals_by_key",
-    "journals_in",
     "list_parts",
     "open_store",
     "recipes_in",

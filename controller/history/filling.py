@@ -15,10 +15,11 @@ from sqlalchemy import Connection, Table, delete, func, insert, select, update
 
 from controller.cell.journal import (
     GENESIS,
-    JOURNAL_NAME,
+    NO_ROW,
     Head,
     JournalError,
     NewRows,
+    journals_in,
     new_rows,
     row_at,
     rows,
@@ -42,7 +43,6 @@ from .tables import (
 )
 
 CHUNK_COUNT: Final = 16  # parts folded at once, whose rows are in memory together
-SET_ASIDE: Final = "journal-set-aside-*.sqlite"
 
 
 @dataclass(slots=True)
@@ -76,13 +76,6 @@ class _Source:
     seen: Head
     whole: Head
     is_broken: bool
-
-
-def journals_in(runs_dir: Path) -> tuple[Path, ...]:
-    """Return the journals of a folder of runs: those set aside, then the one in use."""
-    found = sorted(runs_dir.glob(SET_ASIDE))
-    current = runs_dir / JOURNAL_NAME
-    return (*found, *([current] if current.is_file() else []))
 
 
 def journals_by_key(runs_dir: Path) -> dict[str, Path]:
@@ -163,13 +156,13 @@ def _source(store: Store, path: Path, filled: Filled, *, anew: bool) -> _Source 
             values = {"key": first.hash, "file": path.name, "last_seq": 0, "last_hash": GENESIS}
             made = db.execute(insert(JOURNALS).values(values)).inserted_primary_key
             assert made is not None
-            number, seen = int(made[0]), Head(0, GENESIS)
+            number, seen = int(made[0]), NO_ROW
         else:
             number, seen = int(found.journal_no), Head(int(found.last_seq), found.last_hash)
             if found.file != path.name:
                 _at(db, number, file=path.name)
         if anew:
-            seen = Head(0, GENESIS)
+            seen = NO_ROW
             _at(db, number, last_seq=0, last_hash=GENESIS)
             db.execute(delete(LEFT_OUT).where(LEFT_OUT.c.journal_no == number))
     if seen.seq and row_at(path, seen.seq) != seen:

@@ -19,11 +19,12 @@ from pathlib import Path
 from typing import Final
 
 from controller.cell.journal import (
-    GENESIS,
     JOURNAL_NAME,
+    NO_ROW,
     Head,
     JournalError,
     journal_mark,
+    journals_in,
     last_head,
     row_at,
     whole_up_to,
@@ -37,8 +38,6 @@ log = logging.getLogger(__name__)
 FOLDER: Final = "connect"
 BOOK: Final = "connect.sqlite"
 LOCK: Final = "connect.lock"
-NOTHING: Final = Head(0, GENESIS)
-SET_ASIDE: Final = "journal-set-aside-*.sqlite"
 POLL_WALL_S: Final = 0.2  # a result is to be on its way within a second of its row
 FIRST_PAUSE_WALL_S: Final = 1.0
 LONGEST_PAUSE_WALL_S: Final = 300.0
@@ -252,9 +251,7 @@ def journals_of(runs_dir: Path) -> tuple[tuple[str, Path], ...]:
     ------
     JournalError : one cannot be read
     """
-    current = runs_dir / JOURNAL_NAME
-    found = [*sorted(runs_dir.glob(SET_ASIDE)), *([current] if current.is_file() else [])]
-    keyed = [(row_at(path, 1), path) for path in found]
+    keyed = [(row_at(path, 1), path) for path in journals_in(runs_dir)]
     return tuple((first.hash, path) for first, path in keyed if first is not None)
 
 
@@ -316,21 +313,20 @@ class Outbox:
         mark = await asyncio.to_thread(journal_mark, self._runs_dir / JOURNAL_NAME)
         if mark == self._mark:
             return
+        await asyncio.to_thread(self._begin)
         every = await asyncio.to_thread(journals_of, self._runs_dir)
-        await asyncio.to_thread(self._begin, every)
         for key, path in every:
             await self._deliver_from(key, path)
         self._mark = mark
 
-    def _begin(self, every: tuple[tuple[str, Path], ...]) -> None:
+    def _begin(self) -> None:
         """Give a receiver that is new its place in the journals that are there."""
         known = [one for one in self._book.places() if one.courier == self._courier.name]
         if known or self._from_start:
             return
-        for key, path in every:
-            self._book.set_place(self._courier.name, key, last_head(path))
-        if not every:  # so that the first journal is told from its first row
-            self._book.set_place(self._courier.name, "", NOTHING)
+        count = resume(self._runs_dir, self._book, self._courier.name)
+        if count == 0:  # so that the first journal is told from its first row
+            self._book.set_place(self._courier.name, "", NO_ROW)
 
     async def _deliver_from(self, key: str, path: Path) -> None:
         """Deliver what a journal has behind the receiver's place, and move the place row by row."""
@@ -343,7 +339,7 @@ class Outbox:
                 f"restored from a backup, or replaced. `cellctl deliveries --resume {name}` goes "
                 "on from the journal's end as it is now"
             )
-        whole, broken = await asyncio.to_thread(whole_up_to, path, head or NOTHING)
+        whole, broken = await asyncio.to_thread(whole_up_to, path, head or NO_ROW)
         while seq < whole.seq:
             told, last = await asyncio.to_thread(notices_after, path, self._cell, seq, whole.seq)
             for at, notices in told:

@@ -7,12 +7,13 @@ and those that it cannot. `rows` defines each row.
 """
 
 from ._beside import append_beside, put_on_disk
-from ._care import CellJournal, first_flaw, open_cell_journal
+from ._care import CellJournal, first_flaw, is_set_aside, journals_in, open_cell_journal
 from ._form import CELL_TIME, GENESIS, JOURNAL_NAME, JournalError, Row, RowKind
 from ._head import Head, HeadError, read_head_file
 from ._writer import Journal
 from .place import why_not_there
 from .reading import (
+    NO_ROW,
     BrokenRow,
     NewRows,
     broken_rows,
@@ -42,6 +43,7 @@ __all__ = [
     "GENESIS",
     "HOST_STAMPS",
     "JOURNAL_NAME",
+    "NO_ROW",
     "SCHEMA_VERSION",
     "Body",
     "BrokenRow",
@@ -61,7 +63,9 @@ __all__ = [
     "first_flaw",
     "is_of",
     "is_once",
+    "is_set_aside",
     "journal_mark",
+    "journals_in",
     "last_head",
     "new_rows",
     "newest_run",

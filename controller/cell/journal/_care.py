@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ._form import JournalError
+from ._form import JOURNAL_NAME, JournalError
 from ._head import SUFFIX, Head, HeadError, read_head
 from ._writer import Journal, last_row, require_known_version
 from .place import INDEX_SUFFIX, LOG_SUFFIX, why_not_there
@@ -24,6 +24,7 @@ _COLUMNS: Final = (
 )  # fmt: skip
 _DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 _PARTS: Final = ("", LOG_SUFFIX, INDEX_SUFFIX, SUFFIX)
+_SET_ASIDE: Final = "-set-aside-"  # stands in the name of a journal that was
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +157,18 @@ def _has_secured(path: Path) -> bool:
     return any(row.kind == "custody" or is_once(row) for row in found)
 
 
+def journals_in(runs_dir: Path) -> tuple[Path, ...]:
+    """Return the journals of a folder of runs: those set aside, then the one in use."""
+    current = runs_dir / JOURNAL_NAME
+    found = sorted(runs_dir.glob(f"{current.stem}{_SET_ASIDE}*{current.suffix}"))
+    return (*found, *([current] if current.is_file() else []))
+
+
+def is_set_aside(journal: Path) -> bool:
+    """Return whether a journal has the name of one that was set aside."""
+    return _SET_ASIDE in journal.name
+
+
 def _flaw_of_the_table(db: sqlite3.Connection) -> str | None:
     """Return the flaw of the table, its index or its triggers; None if they are sound."""
     (version,) = db.execute("PRAGMA user_version").fetchone()
@@ -177,7 +190,7 @@ def _set_aside(path: Path, stamps: Stamps) -> Path:
     number, kept = 1, path
     while any(kept.with_name(kept.name + part).exists() for part in _PARTS):
         more = "" if number == 1 else f"-{number}"
-        kept = path.with_name(f"{path.stem}-set-aside-{stamp}{more}{path.suffix}")
+        kept = path.with_name(f"{path.stem}{_SET_ASIDE}{stamp}{more}{path.suffix}")
         number += 1
     for part in _PARTS:
         old = path.with_name(path.name + part)

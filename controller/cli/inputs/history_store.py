@@ -6,8 +6,9 @@ from contextlib import contextmanager
 from datetime import UTC, date, datetime, time, timedelta
 from pathlib import Path
 
+from controller.cell.journal import journals_in
 from controller.config import ConfigError
-from controller.history import HistoryError, Store, fill, journals_in, open_store, store_url
+from controller.history import HistoryError, Store, fill, open_store, store_url
 
 from ..terminal.output import warn
 

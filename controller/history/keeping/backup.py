@@ -18,10 +18,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any, Final
 
+from controller.cell.journal import is_set_aside, journals_in
 from controller.results.pages import whole_file
 
 from ..errors import HistoryError
-from ..filling import journals_in
 from ..store import STORE_NAME
 
 FORM: Final = "cellctl.backup"
@@ -124,7 +124,7 @@ def _copied(database: Path, copy: Path) -> Path:
     except sqlite3.Error as error:
         if copy.exists():
             copy.unlink()
-        if database.name.startswith("journal-set-aside"):  # damaged: as it is
+        if is_set_aside(database):  # damaged: as it is
             copy.write_bytes(database.read_bytes())
             return copy
         raise HistoryError(f"{database}: cannot be copied: {error}") from error

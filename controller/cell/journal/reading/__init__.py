@@ -1,6 +1,7 @@
 """Read journals: whole, as reports do, or bit by bit, as the history does. Nothing here writes."""
 
 from ._following import (
+    NO_ROW,
     NewRows,
     journal_mark,
     last_head,
@@ -25,6 +26,7 @@ from ._reader import (
 )
 
 __all__ = [
+    "NO_ROW",
     "BrokenRow",
     "NewRows",
     "broken_rows",

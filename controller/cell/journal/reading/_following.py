@@ -19,7 +19,7 @@ from ._reader import BrokenRow, breaks, lossy_text, open_to_read
 BATCH_COUNT: Final = 2000  # rows that one read takes
 UNBOUNDED: Final = 2**62  # no row has this number
 COLUMNS: Final = "seq, t_utc, t_mono, run, part, kind, name, body"
-NOTHING: Final = Head(0, GENESIS)
+NO_ROW: Final = Head(0, GENESIS)  # what stands before the first one
 T = TypeVar("T")
 
 
@@ -79,12 +79,12 @@ def last_head(path: Path) -> Head:
 
     def read(db: sqlite3.Connection) -> Head:
         found = db.execute("SELECT seq, hash FROM journal ORDER BY seq DESC LIMIT 1").fetchone()
-        return NOTHING if found is None else Head(int(found[0]), str(found[1]))
+        return NO_ROW if found is None else Head(int(found[0]), str(found[1]))
 
     return _read(path, read)
 
 
-def whole_up_to(path: Path, after: Head = NOTHING) -> tuple[Head, BrokenRow | None]:
+def whole_up_to(path: Path, after: Head = NO_ROW) -> tuple[Head, BrokenRow | None]:
     """Return the last row up to which the chain is intact, and the first one that does not fit.
 
     Parameters
