@@ -167,7 +167,7 @@ class CellPlant:
         return await self._orders.find(number)
 
     def order_changes(self) -> AsyncIterator[OrderState]:
-        """Yield each order as it changes, from now on."""
+        """Return an iterator over each order as it changes, from this call on."""
         return self._orders.changes()
 
     async def withdraw(self, number: str, source: str) -> OrderState:

@@ -11,6 +11,7 @@ from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Final, Literal
+from weakref import WeakSet
 
 from pydantic import ValidationError
 
@@ -74,7 +75,7 @@ class OrderBook:
         self._standing = standing
         self._now = now
         self._tally: RunTally | None = None
-        self._changes: set[asyncio.Queue[OrderState]] = set()
+        self._changes: WeakSet[asyncio.Queue[OrderState]] = WeakSet()  # held by who asks
         self._one_at_a_time = asyncio.Lock()
         self._has_new = asyncio.Event()
         self.bar = ""
@@ -153,15 +154,11 @@ class OrderBook:
                 raise RefusedError(f"order {number} is {kept.state}; it is not taken back")
             return await self._change(kept, "refused", f"taken back by {source}")
 
-    async def changes(self) -> AsyncIterator[OrderState]:
-        """Yield each order as it changes, from now on."""
+    def changes(self) -> AsyncIterator[OrderState]:
+        """Return an iterator over each order as it changes, from this call on."""
         queue: asyncio.Queue[OrderState] = asyncio.Queue(maxsize=MAX_OPEN)
         self._changes.add(queue)
-        try:
-            while True:
-                yield await queue.get()
-        finally:
-            self._changes.discard(queue)
+        return _each(queue)
 
     async def run(self) -> None:
         """Start and follow orders until cancelled."""
@@ -298,6 +295,11 @@ class OrderBook:
                 queue.get_nowait()
             queue.put_nowait(one)
         return one
+
+
+async def _each(queue: asyncio.Queue[OrderState]) -> AsyncIterator[OrderState]:
+    while True:
+        yield await queue.get()
 
 
 def all_orders(book: Book, *, are_open: bool = False) -> dict[str, OrderState]:

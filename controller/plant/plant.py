@@ -131,7 +131,7 @@ class Plant(Protocol):
         """
 
     def order_changes(self) -> AsyncIterator[OrderState]:
-        """Yield each order as it changes, from now on."""
+        """Return an iterator over each order as it changes, from this call on."""
 
     async def withdraw(self, number: str, source: str) -> OrderState:
         """Take back an order that has not begun; return it.

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator, Mapping
 from datetime import UTC, datetime
 from typing import Any, Literal
+from weakref import WeakSet
 
 from controller.plant.model import (
     AlarmNotice,
@@ -80,7 +81,7 @@ class FakePlant:
         self._state = idle_state(cell)
         self._orders: dict[str, OrderState] = {}
         self._state_changed = asyncio.Condition()
-        self._order_listeners: list[asyncio.Queue[OrderState]] = []
+        self._order_listeners: WeakSet[asyncio.Queue[OrderState]] = WeakSet()
 
     # what a test does
 
@@ -179,14 +180,10 @@ class FakePlant:
             raise UnknownError(f"there is no order {number!r}")
         return self._orders[number]
 
-    async def order_changes(self) -> AsyncIterator[OrderState]:
+    def order_changes(self) -> AsyncIterator[OrderState]:
         listener: asyncio.Queue[OrderState] = asyncio.Queue()
-        self._order_listeners.append(listener)
-        try:
-            while True:
-                yield await listener.get()
-        finally:
-            self._order_listeners.remove(listener)
+        self._order_listeners.add(listener)
+        return _each(listener)
 
     async def withdraw(self, number: str, source: str) -> OrderState:
         self.told.append(("withdraw", number, source))
@@ -206,3 +203,8 @@ class FakePlant:
         if self._state.run is None:
             raise RefusedError("nothing runs")
         return "aborting"
+
+
+async def _each(listener: asyncio.Queue[OrderState]) -> AsyncIterator[OrderState]:
+    while True:
+        yield await listener.get()

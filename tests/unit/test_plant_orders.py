@@ -104,6 +104,15 @@ async def test_an_order_is_started_as_the_page_starts_a_run(desk: Desk) -> None:
     assert not {"--part-removed", "--trays-empty", "--auto-recover"} & set(call)
 
 
+async def test_whoever_asks_for_changes_gets_those_before_his_first_look(desk: Desk) -> None:
+    changes = desk.orders.changes()
+    taken = await desk.orders.take("PO-1", PLATE, "mes by REST")
+    assert await anext(changes) == taken
+    del changes  # nobody listens: what changes now is kept for nobody
+    await desk.orders.withdraw("PO-1", "mes by REST")
+    assert not list(desk.orders._changes)
+
+
 async def test_the_same_order_again_changes_nothing_and_starts_nothing(desk: Desk) -> None:
     first = await desk.orders.take("PO-1", PLATE, "mes by REST")
     assert await desk.orders.take("PO-1", PLATE, "other by MQTT") == first

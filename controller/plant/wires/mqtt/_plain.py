@@ -35,6 +35,7 @@ from ...model import (
     Payload,
 )
 from ...plant import Plant, PlantError, RejectedError
+from ..tasks import together
 from ._link import Access, Link, Message, connected
 
 log = logging.getLogger(__name__)
@@ -87,14 +88,12 @@ class MqttWire:
         will = Message(f"{prefix}/state", as_json(offline_state(plant.cell)), is_retained=True)
         async with connected(self._access, f"cellctl-{plant.cell}", will) as link:
             try:
-                async with asyncio.TaskGroup() as tasks:
+                async with together() as tasks:
                     tasks.create_task(self._take(link, plant))
                     tasks.create_task(self._tell_states(link, plant))
                     tasks.create_task(self._tell_orders(link, plant))
                     self._link = link
                     self._is_connected.set()
-            except BaseExceptionGroup as group:
-                raise group.exceptions[0] from group
             finally:
                 self._link = None
 
@@ -140,17 +139,12 @@ class MqttWire:
             await self._tell(link, "state", state)
 
     async def _tell_orders(self, link: Link, plant: Plant) -> None:
-        changes = plant.order_changes()
-        change = asyncio.ensure_future(anext(changes))  # asked for first, so that none is missed
-        try:
-            orders = await plant.orders()
-            if orders:
-                await self._tell(link, "order", max(orders, key=lambda order: order.changed))
-            while True:
-                await self._tell(link, "order", await change)
-                change = asyncio.ensure_future(anext(changes))
-        finally:
-            change.cancel()
+        changes = plant.order_changes()  # asked for first, so that none is missed
+        orders = await plant.orders()
+        if orders:
+            await self._tell(link, "order", max(orders, key=lambda order: order.changed))
+        async for order in changes:
+            await self._tell(link, "order", order)
 
     async def _tell(self, link: Link, topic: str, payload: Payload) -> None:
         """Tell something retained; a broker that does not take it hinders nothing else."""

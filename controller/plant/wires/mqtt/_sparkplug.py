@@ -15,6 +15,7 @@ from controller.config.cell.mqtt import MqttSection, SparkplugSection
 
 from ...model import Notice, PartResult
 from ...plant import Plant, PlantError
+from ..tasks import together
 from ._link import Access, Link, connected
 from .node import NAMESPACE, EdgeNode, as_ms, came_about, notice_values, state_values
 from .payload import Value
@@ -70,12 +71,10 @@ class SparkplugWire:
                 else:
                     await link.follow(f"{NAMESPACE}/STATE/{settings.primary_host}")
                 self._link = link
-                async with asyncio.TaskGroup() as tasks:
+                async with together() as tasks:
                     tasks.create_task(self._hear(link, node))
                     tasks.create_task(self._bear(link, node))
                     tasks.create_task(self._tell_states(plant, node))
-            except BaseExceptionGroup as group:
-                raise group.exceptions[0] from group
             finally:
                 self._link = None
                 self._is_born.clear()

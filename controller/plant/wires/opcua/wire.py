@@ -12,9 +12,10 @@ from asyncua import ua
 
 from controller.config.cell.connect import OpcuaSection
 from controller.memory import give_back
-from controller.plant.model import AlarmNotice, Notice
+from controller.plant.model import AlarmNotice, Notice, OrderState
 from controller.plant.plant import Plant
 
+from ..tasks import together
 from .certificates import CertificateFolder
 from .door import DoorServer, Names
 from .events import Events
@@ -55,14 +56,11 @@ class OpcuaWire:
         CertificateError : the server's own certificate does not do
         OSError : the address is taken, or is not this computer's
         """
-        async with self.serving(plant) as vision:
-            try:
-                async with asyncio.TaskGroup() as tasks:
-                    tasks.create_task(_follow_orders(plant, vision))
-                    async for cell in plant.states():
-                        await vision.cell_changed(cell)
-            except ExceptionGroup as group:
-                raise group.exceptions[0] from group  # the bridge says one sentence
+        changes = plant.order_changes()  # asked for first, so that none is missed
+        async with self.serving(plant) as vision, together() as tasks:
+            tasks.create_task(_follow_orders(changes, vision))
+            async for cell in plant.states():
+                await vision.cell_changed(cell)
 
     @asynccontextmanager
     async def serving(self, plant: Plant) -> AsyncIterator[VisionSystem]:
@@ -119,8 +117,8 @@ class OpcuaWire:
             await vision.finished(notice)
 
 
-async def _follow_orders(plant: Plant, vision: VisionSystem) -> None:
-    async for order in plant.order_changes():
+async def _follow_orders(changes: AsyncIterator[OrderState], vision: VisionSystem) -> None:
+    async for order in changes:
         await vision.order_changed(order)
 
 

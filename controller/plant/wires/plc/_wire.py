@@ -11,6 +11,7 @@ from controller.config.cell.plc import PlcSection
 
 from ...model import Notice, OrderRequest, OrderState, PartResult
 from ...plant import Plant, PlantError
+from ..tasks import together
 from ._server import ModbusServer
 from .handshake import MAX_WAITING, Action, Handshake, StartOrder
 from .registers import COMMAND, COUNT, CommandBit, Reason, read_command
@@ -56,14 +57,12 @@ class PlcWire:
         )
         orders_known = asyncio.Event()
         try:
-            async with asyncio.TaskGroup() as tasks:
+            async with together() as tasks:
                 tasks.create_task(self._follow(plant, orders_known))
                 await orders_known.wait()  # a start before would be a second order
                 tasks.create_task(self._see(plant))
                 tasks.create_task(self._act(plant))
                 tasks.create_task(server.serve(*settings.address))
-        except BaseExceptionGroup as group:
-            raise group.exceptions[0] from group
         finally:
             while not self._wanted.empty():
                 self._wanted.get_nowait()
@@ -124,19 +123,14 @@ class PlcWire:
             self._handshake.see(state)
 
     async def _follow(self, plant: Plant, orders_known: asyncio.Event) -> None:
-        changes = plant.order_changes()
-        change = asyncio.ensure_future(anext(changes))  # asked for first, so that none is missed
-        try:
-            for order in await plant.orders():
-                if order.source == SOURCE and order.is_open:
-                    self._handshake.taken(order)
-                self._heed(order)
-            orders_known.set()
-            while True:
-                self._heed(await change)
-                change = asyncio.ensure_future(anext(changes))
-        finally:
-            change.cancel()
+        changes = plant.order_changes()  # asked for first, so that none is missed
+        for order in await plant.orders():
+            if order.source == SOURCE and order.is_open:
+                self._handshake.taken(order)
+            self._heed(order)
+        orders_known.set()
+        async for order in changes:
+            self._heed(order)
 
     def _heed(self, order: OrderState) -> None:
         known = self._handshake.order
