@@ -4,6 +4,7 @@ A name written by somebody else leads to no file outside its folder.
 """
 
 import codecs
+import hashlib
 import json
 import os
 import stat
@@ -69,6 +70,20 @@ def read_bytes(path: Path, max_bytes: int, what: str) -> bytes:
             "right file?"
         )
     return bytes(data)
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal.
+
+    Raises
+    ------
+    ConfigError : it cannot be read
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise ConfigError(f"{path}: {reason_of(error)}") from error
 
 
 def read_text(

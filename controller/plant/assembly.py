@@ -7,12 +7,12 @@ from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
 from controller.config import Cell
 from controller.config.cell.connect import ConnectSection
+from controller.config.files import file_sha256
 from controller.launching import Launcher
 from controller.memory import share_one_heap
 from controller.page.security import Accounts, accounts_path
@@ -148,7 +148,7 @@ async def _serve(
         options.project_dir,
         cell,
         software_versions().get("cellctl", ""),
-        sha256(options.cell_path.read_bytes()).hexdigest(),
+        file_sha256(options.cell_path),
         reader,
         orders,
         launcher,

@@ -5,7 +5,6 @@ pause, and keeps no other from its work.
 """
 
 import asyncio
-import hashlib
 import logging
 import time
 from collections.abc import AsyncIterator, Mapping, Sequence
@@ -14,6 +13,8 @@ from typing import Any, Final, Literal
 
 from controller.cell.control import ControlError, Order, RunningCell
 from controller.cell.journal import JOURNAL_NAME, JournalError
+from controller.config import ConfigError
+from controller.config.files import file_sha256
 from controller.config.shipped import SHIPPED
 from controller.launching import Launcher, RecipeChoice
 from controller.page.security import Accounts, AccountsError, Role
@@ -196,8 +197,8 @@ class CellPlant:
         own = self._project_dir / one.key
         path = own if own.is_file() else SHIPPED / f"{one.key}.yaml"
         try:
-            sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-        except OSError:
+            sha256 = file_sha256(path)
+        except ConfigError:
             sha256 = ""
         return Offer(one.key, one.name, sha256, one.count, one.problem)
 

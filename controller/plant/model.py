@@ -16,6 +16,7 @@ from pydantic import (
     ConfigDict,
     Field,
     PlainSerializer,
+    ValidationError,
     model_validator,
 )
 
@@ -63,6 +64,13 @@ class Payload(BaseModel):
     """Something that is sent or taken as one JSON object."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+
+def first_wrong(error: ValidationError) -> str:
+    """Return the first thing that is wrong with a payload, and where, for whoever sent it."""
+    first = error.errors(include_url=False, include_input=False)[0]
+    where = ".".join(map(str, first["loc"]))
+    return f"{where}: {first['msg']}" if where else str(first["msg"])
 
 
 class Question(Payload):

@@ -57,7 +57,6 @@ class _Progress:
         if now_s - self._said_s < EVERY_S or not self.done:
             return
         self._said_s = now_s
-        rest_s = (now_s - self._began_s) / self.done * (self.left - self.done)
         at = self.whole - self.left + self.done
         rest_s = (now_s - self._began_s) / self.done * (self.left - self.done)
         if self.as_json:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final
 from pydantic import BeforeValidator, Field, IPvAnyAddress, model_validator
 
 from ..yaml_models import Section
-from .values import Listen
+from .values import Listen, host_and_port
 
 MAX_VALUES: Final = 20  # registers 26 to 65 of the map hold as many
 MAX_RECIPES: Final = 1000
@@ -66,5 +66,4 @@ class PlcSection(Section):
     @property
     def address(self) -> tuple[str, int]:
         """Host and port."""
-        host, _, port = self.listen.rpartition(":")
-        return host.strip("[]"), int(port)
+        return host_and_port(self.listen)

@@ -30,6 +30,17 @@ def _address_and_port(text: str) -> str:
     return text
 
 
+def host_and_port(listen: str) -> tuple[str, int]:
+    """Return the host, without brackets, and the port of an address to listen at.
+
+    Parameters
+    ----------
+    listen : as a cell file has it (`Listen`)
+    """
+    host, _, port = listen.rpartition(":")
+    return host.strip("[]"), int(port)
+
+
 Listen = Annotated[str, Field(max_length=300), AfterValidator(_address_and_port)]
 
 

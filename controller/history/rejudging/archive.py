@@ -1,6 +1,5 @@
 """The parts of an archive that are to be judged anew: chosen in the store, found in the journal."""
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -11,7 +10,8 @@ from sqlalchemy import ColumnElement, and_, exists, func, select
 
 from controller.catalogue import software_key
 from controller.cell.journal import JournalError, is_of, rows, rows_of_parts
-from controller.config import ConfigError, Recipe, find_recipe, load_recipe
+from controller.config import Recipe, find_recipe, load_recipe
+from controller.config.files import file_sha256
 from controller.results.run import ResultsError, copies_in
 
 from ..errors import HistoryError
@@ -106,7 +106,11 @@ def judging_by_recipe(recipe: Path) -> NewJudging:
     found = load_recipe(path)
     learned = found.inspection.learned
     return NewJudging(
-        found, path, _sha256(path), "" if learned is None else _sha256(learned), software_key()
+        found,
+        path,
+        file_sha256(path),
+        "" if learned is None else file_sha256(learned),
+        software_key(),
     )
 
 
@@ -189,11 +193,3 @@ def _with_files(
 
 def _is_kept(archive: Archive) -> ColumnElement[bool]:
     return exists().where(REJUDGED.c.part_id == PARTS.c.part_id, archive.judging.rows)
-
-
-def _sha256(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}") from error

@@ -1,6 +1,5 @@
 """One part of the archive judged anew, in any process that sees its files."""
 
-import hashlib
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -12,6 +11,7 @@ from typing import Any
 from controller.cad import CadError
 from controller.cell.services.records import measured_row
 from controller.config import ConfigError, Recipe
+from controller.config.files import file_sha256
 from controller.config.view_set import ViewSetFile, load_view_set
 from controller.results.run import Copy, RunPictures
 from controller.stored import compiled_part, judge_views, judging_by, lines_digest, read_pictures
@@ -145,12 +145,7 @@ def _require_unchanged(part: ArchivedPart, file: ViewSetFile, *, proven: Path) -
         known = part.hashes.get(name)
         if known is None:
             raise ConfigError(f"{path}: is not in the journal of its run")
-        try:
-            with path.open("rb") as opened:
-                digest = hashlib.file_digest(opened, "sha256").hexdigest()
-        except OSError as error:
-            raise ConfigError(f"{path}: {error.strerror}") from error
-        if digest != known:
+        if file_sha256(path) != known:
             raise ConfigError(f"{path}: was changed since the run; its hash is not the journal's")
 
 

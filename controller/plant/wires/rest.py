@@ -24,13 +24,14 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from controller.config.cell.connect import RestSection
+from controller.config.cell.values import host_and_port
 from controller.config.files import reason_of
 from controller.page.frame.visit import address_of
 from controller.page.http import Serving, config_of
 from controller.page.security.addresses import is_loopback
 from controller.page.security.sessions import Attempts
 
-from ..model import OrderRequest, Payload
+from ..model import OrderRequest, Payload, first_wrong
 from ..plant import Plant, PlantError, RefusedError, UnknownError
 from ..schema import document_bytes
 
@@ -70,8 +71,7 @@ class Rest:
     name = "rest"
 
     def __init__(self, section: RestSection, folder: Path) -> None:
-        host, _, port = section.listen.rpartition(":")
-        host = host.strip("[]")
+        host, port = host_and_port(section.listen)
         if section.tls_cert is None and not is_loopback(host):
             raise PlantError(
                 f"`connect.rest.listen`: {host}: passwords could be read on the way; give "
@@ -80,7 +80,7 @@ class Rest:
         cert, key = section.tls_cert, section.tls_key
         self._serving = Serving(
             host,
-            int(port),
+            port,
             None if cert is None else folder / cert,
             None if key is None else folder / key,
         )
@@ -236,9 +236,7 @@ async def _put_order(plant: Plant, request: Request, who: str) -> Response:
     try:
         order = OrderRequest.model_validate_json(body)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        raise _RefusalError(422, f"{where}: {first['msg']}" if where else first["msg"]) from None
+        raise _RefusalError(422, first_wrong(error)) from None
     return _json(await plant.order(request.path_params["number"], order, who))
 
 

@@ -33,6 +33,7 @@ from ...model import (
     OrderState,
     PartResult,
     Payload,
+    first_wrong,
 )
 from ...plant import Plant, PlantError, RejectedError
 from ..tasks import together
@@ -177,9 +178,7 @@ class MqttWire:
             number = command.number
             return await plant.order(number, command.request(), "MQTT")
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            where = ".".join(map(str, first["loc"]))
-            reason = f"{where}: {first['msg']}" if where else str(first["msg"])
+            reason = first_wrong(error)
         except PlantError as error:
             reason = str(error)
         return OrderRefusal(cell=plant.cell, number=number, reason=reason)

@@ -11,6 +11,7 @@ from typing import Final
 from asyncua import ua
 
 from controller.config.cell.connect import OpcuaSection
+from controller.config.cell.values import host_and_port
 from controller.memory import give_back
 from controller.plant.model import AlarmNotice, Notice, OrderState
 from controller.plant.plant import Plant
@@ -40,9 +41,7 @@ class OpcuaWire:
     name = "opcua"
 
     def __init__(self, section: OpcuaSection, folder: Path) -> None:
-        host, _, port = section.listen.rpartition(":")
-        self._host = host.strip("[]")
-        self._port = int(port)
+        self._host, self._port = host_and_port(section.listen)
         self._hosts = tuple(dict.fromkeys((self._host, *section.names)))
         self._folder = folder / section.folder
         self._vision: VisionSystem | None = None
