@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import http.server
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,19 +17,23 @@ from typing import Any
 from urllib.request import Request, urlopen
 
 import pytest
+from web_receiver import Receiver, receiving
 
 ROOT = Path(__file__).parents[2]
 LIMIT_S = 1500.0  # a guard against a hang, no measure
 PASSWORD = "of this test alone"
 
 
-class Plant(http.server.ThreadingHTTPServer):
+class Plant:
     """A plant system: gets results by webhook, asks and orders by REST."""
 
-    def __init__(self) -> None:
-        self.got: list[dict[str, Any]] = []
-        super().__init__(("127.0.0.1", 0), Handler)
+    def __init__(self, receiver: Receiver) -> None:
+        self.receiver = receiver
         self.rest = ""
+
+    @property
+    def got(self) -> list[dict[str, Any]]:
+        return [json.loads(body) for _, body in self.receiver.got]
 
     def ask(self, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
         account = base64.b64encode(f"mes:{PASSWORD}".encode()).decode()
@@ -52,26 +54,10 @@ class Plant(http.server.ThreadingHTTPServer):
             time.sleep(0.2)
 
 
-class Handler(http.server.BaseHTTPRequestHandler):
-    server: Plant
-
-    def do_POST(self) -> None:
-        self.server.got.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
-        self.send_response(204)
-        self.end_headers()
-
-    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
-        pass
-
-
 @pytest.fixture
 def plant() -> Iterator[Plant]:
-    with Plant() as found:
-        thread = threading.Thread(target=found.serve_forever)
-        thread.start()
-        yield found
-        found.shutdown()
-        thread.join()
+    with receiving() as receiver:
+        yield Plant(receiver)
 
 
 class Bridge:
@@ -84,10 +70,9 @@ class Bridge:
         text = (ROOT / "recipes" / "cells" / "emulated.yaml").read_text(encoding="utf-8")
         port = 20000 + os.getpid() % 20000
         plant.rest = f"127.0.0.1:{port}"
-        url = f"http://127.0.0.1:{plant.server_address[1]}/"
         (folder / "cell.yaml").write_text(
             f"{text}\nconnect:\n  may_start: yes\n  rest: {{listen: '{plant.rest}'}}\n"
-            f"  webhook: [{{url: '{url}', secret_file: secret}}]\n"
+            f"  webhook: [{{url: '{plant.receiver.url}', secret_file: secret}}]\n"
             "  folder: [{path: out, name: '{order}_{serial}'}]\n"
         )
         (folder / "out").mkdir()

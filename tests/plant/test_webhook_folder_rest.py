@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import base64
-import http.server
 import json
 import os
 import shutil
 import signal
 import subprocess
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +18,7 @@ import pytest
 from fake_plant import FakePlant, alarm_notice, part_result
 from pydantic import ValidationError
 from starlette.testclient import TestClient
+from web_receiver import Receiver, receiving
 
 from controller.config.cell.connect import (
     ConnectSection,
@@ -37,40 +36,10 @@ ROOT = Path(__file__).resolve().parents[2]
 SECRET = "a secret of more than 16 signs"
 
 
-class Receiver(http.server.ThreadingHTTPServer):
-    """A plant system's server: keeps what it gets, answers as it is told."""
-
-    def __init__(self) -> None:
-        self.got: list[tuple[dict[str, str], bytes]] = []
-        self.answers: list[int] = []
-        super().__init__(("127.0.0.1", 0), Handler)
-
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self.server_address[1]}/hook?plant=3"
-
-
-class Handler(http.server.BaseHTTPRequestHandler):
-    server: Receiver
-
-    def do_POST(self) -> None:
-        body = self.rfile.read(int(self.headers["Content-Length"]))
-        self.server.got.append((dict(self.headers.items()) | {"path": self.path}, body))
-        self.send_response(self.server.answers.pop(0) if self.server.answers else 204)
-        self.end_headers()
-
-    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
-        pass
-
-
 @pytest.fixture
 def receiver() -> Iterator[Receiver]:
-    with Receiver() as found:
-        thread = threading.Thread(target=found.serve_forever)
-        thread.start()
+    with receiving() as found:
         yield found
-        found.shutdown()
-        thread.join()
 
 
 def webhook(folder: Path, url: str, secret: str = SECRET, mode: int = 0o600) -> Webhook:
