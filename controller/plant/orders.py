@@ -78,8 +78,6 @@ class OrderBook:
         self._changes: WeakSet[asyncio.Queue[OrderState]] = WeakSet()  # held by who asks
         self._one_at_a_time = asyncio.Lock()
         self._has_new = asyncio.Event()
-        self.bar = ""
-        """Why no order is started now, beside its own state; a wire may set it (a PLC is gone)."""
 
     async def take(self, number: str, request: OrderRequest, source: str) -> OrderState:
         """Take an order and return it; the same again changes nothing. The state tells a refusal.
@@ -182,7 +180,7 @@ class OrderBook:
                 await self._start(waiting[0])
 
     async def _start(self, one: OrderState) -> None:
-        why = self.bar or await asyncio.to_thread(self._why_not)
+        why = await asyncio.to_thread(self._why_not)
         if why:
             if one.reason != why:
                 await self._change(one, "queued", why)

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from results_bench import CELL, RunWriter
 
 from controller.cell.batch import Papers
-from controller.cell.control import socket_path, standing_of
+from controller.cell.control import StandingReply, socket_path, standing_of
 from controller.cell.devices.lock import hold_cell
 from controller.config import load_cell
 from controller.launching import Launcher
@@ -46,6 +46,7 @@ class Desk:
         self.folder = folder
         self.runs = folder / "runs"
         self.now = NOW
+        self.standing: StandingReply | None = None
         (folder / "fake.py").write_text(FAKE)
         (folder / "plate.yaml").write_text("name: plate\npart: plate.stl\n")
         (folder / "plate.stl").write_text("solid\nendsolid\n")
@@ -63,7 +64,7 @@ class Desk:
             "cell-3",
             launcher,
             may_start,
-            lambda: standing_of(self.runs),
+            lambda: self.standing or standing_of(self.runs),
             lambda: self.now,
         )
         self.launcher = launcher
@@ -128,10 +129,10 @@ async def test_the_same_order_again_changes_nothing_and_starts_nothing(desk: Des
 
 
 async def test_an_order_that_waits_takes_other_contents(desk: Desk) -> None:
-    desk.orders.bar = "the PLC is gone"
+    desk.standing = StandingReply(state="left", message="a part is in the gripper")
     await desk.orders.take("PO-1", PLATE, "mes by REST")
     await desk.orders.step()
-    assert (await desk.orders.find("PO-1")).reason == "the PLC is gone"
+    assert (await desk.orders.find("PO-1")).reason == "a part is in the gripper"
     changed = await desk.orders.take("PO-1", PLATE.model_copy(update={"lot": "L8"}), "mes by REST")
     assert (changed.state, changed.request.lot) == ("queued", "L8")
     assert desk.calls() == []

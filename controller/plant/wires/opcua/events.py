@@ -45,7 +45,6 @@ class Events:
     def __init__(self, server: Server, space: CellSpace) -> None:
         self._server = server
         self._vision = space.vision
-        self._namespace = space.namespace
         self._generators: dict[str, EventGenerator] = {}
 
     @classmethod
