@@ -1,9 +1,9 @@
 """Dimensions: predicted edges, measured edges, and their uncertainty."""
 
 from ._curves import Curve
-from ._foreseen import is_explained
+from ._foreseen import is_explained, shadow_shifts_px
 from ._looks import Estimate, Sought, features_of
-from ._pictures import predict
+from ._pictures import Prediction, predict
 from ._rays import Rays, place_rays, with_rotation, with_visibility
 from ._types import BACKLIT, MeasuringSettings, PosedView
 from .combine import Combined, combine
@@ -25,6 +25,7 @@ __all__ = [
     "Estimate",
     "MeasuringSettings",
     "PosedView",
+    "Prediction",
     "Rays",
     "Sought",
     "combine",
@@ -38,6 +39,7 @@ __all__ = [
     "put_together",
     "result_of",
     "seek_all",
+    "shadow_shifts_px",
     "with_rotation",
     "with_visibility",
 ]

@@ -313,8 +313,9 @@ class FeatureFit:
     noise : (p, p) covariance from the scatter of the edge points [mm²]
     pose : (p, 6) derivatives by the part's position and rotation
     edge : (p, k) standard uncertainties from k modes of light moving edges
-    wall, blur, facets : (p,) the same from walls at a grazing angle and outlines beside an edge,
-        from blur of a round edge, and from a mesh that may be meant to be round
+    wall, shadow, blur, facets : (p,) the same from walls at a grazing angle and outlines beside an
+        edge, from shadows that end beside it, from blur of a round edge, and from a mesh that may
+        be meant to be round
     points_px, accepted : (n, 2), (n,) edge points
     shape_px : (k, 2) fitted shape
     form_mm, form_u_mm : peak to valley of its edges about the shape, and its standard uncertainty
@@ -328,6 +329,7 @@ class FeatureFit:
     pose: FloatArray = field(default_factory=lambda: np.zeros((0, 6)))
     edge: FloatArray = field(default_factory=lambda: np.zeros((0, 1)))
     wall: FloatArray = field(default_factory=lambda: np.zeros(0))
+    shadow: FloatArray = field(default_factory=lambda: np.zeros(0))
     blur: FloatArray = field(default_factory=lambda: np.zeros(0))
     facets: FloatArray = field(default_factory=lambda: np.zeros(0))
     points_px: FloatArray = field(default_factory=lambda: NO_POINTS)

@@ -32,6 +32,7 @@ from ._types import MeasuringSettings, PosedView
 NOISE: Final = "edge noise"
 LIGHT: Final = "edge type and light"
 WALL: Final = "walls seen flat"
+SHADOW: Final = "shadows that end beside it"
 BLUR: Final = "curvature"
 FACETS: Final = "CAD facets"
 POSE: Final = "pose"
@@ -293,7 +294,13 @@ def _parts(
     noise = np.sum([r @ f.noise @ r.T for r, f in zip(rows, fits, strict=True)], axis=0)
     pose = np.sum([r @ f.pose for r, f in zip(rows, fits, strict=True)], axis=0)
     parts = {NOISE: noise, POSE: pose @ covariance @ pose.T}
-    for name, which in ((LIGHT, "edge"), (WALL, "wall"), (BLUR, "blur"), (FACETS, "facets")):
+    for name, which in (
+        (LIGHT, "edge"),
+        (WALL, "wall"),
+        (SHADOW, "shadow"),
+        (BLUR, "blur"),
+        (FACETS, "facets"),
+    ):
         each = [
             (r @ getattr(f, which)).reshape(len(pose), -1) for r, f in zip(rows, fits, strict=True)
         ]

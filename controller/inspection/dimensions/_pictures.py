@@ -28,7 +28,7 @@ from .._pose import PosedPart
 from .._scene import ViewScene, make_scene
 from ._checks import SURE_PX, PictureKind, Sharpness, failure_of, form_of, lean_px, sharpness_of
 from ._features import Feature, FeatureFit
-from ._foreseen import is_explained
+from ._foreseen import is_explained, shadow_shifts_px
 from ._rays import Rays, place_rays, with_outline, with_rotation, with_visibility
 from ._rivals import rival_px
 from ._types import BACKLIT, MeasuringSettings, PosedView
@@ -156,6 +156,9 @@ def fit_features(
     if sharpness is None:
         sharpness = sharpness_of(found)
     found = _with_corners(prediction, picture, index, again, found, sharpness, noise)
+    shadow = np.zeros(len(index))
+    if not is_backlit:
+        shadow = shadow_shifts_px(part, prediction.scene, view, lamp, chosen, found)
     fits = []
     for i, feature in enumerate(prediction.features):
         mine = np.flatnonzero(owner == i)
@@ -168,6 +171,7 @@ def fit_features(
                 again.chosen(mine),
                 prediction.curve[index[mine]],
                 _some(found, mine),
+                EITHER * shadow[mine],
                 moved[i],
                 PictureKind(is_backlit, noise, sharpness),
                 settings,
@@ -321,6 +325,7 @@ def _fit(
     rays: Rays,
     curve: IndexArray,
     found: EdgeFits,
+    shadow: FloatArray,
     moved: FloatArray,
     picture: PictureKind,
     settings: MeasuringSettings,
@@ -334,6 +339,7 @@ def _fit(
     feature : the feature
     rays, curve : rays that must show it, and the number of the edge that each crosses
     found : steps found along the rays
+    shadow : (n,) standard uncertainties of their places by shadows that end beside the edge [px]
     moved : its unknowns so far
     picture, settings : required properties of edges
     beside_px : distance of a rival edge from the fit, given the contrast found
@@ -365,7 +371,7 @@ def _fit(
     offset = found.offset_px + blur + lean
     offset = offset + rays.rising * (0.5 * rays.wall_px - rays.outline_px)
     wall = np.hypot(RECTANGLE * rays.wall_px, OUTLINE_KNOWN * rays.outline_px)
-    variance = np.square(found.sigma_px) + np.square(wall)
+    variance = np.square(found.sigma_px) + np.square(wall) + np.square(shadow)
     design = feature.design(rays, curve.astype(np.float64))
     offset = np.where(good, offset, np.nan)
     chords = _chords_made(design, rays, offset, variance)
@@ -392,6 +398,7 @@ def _fit(
         edge=answer.gain
         @ np.column_stack([edge_px * feature.light_modes(rays, curve), LEAN_KNOWN * lean]),
         wall=answer.gain @ (rays.rising * wall),
+        shadow=answer.gain @ shadow,
         blur=answer.gain @ (BLUR_KNOWN * blur),
         facets=answer.gain @ (chords.share_u * chords.chord_px),
         points_px=points,
