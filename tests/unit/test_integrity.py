@@ -94,6 +94,19 @@ def test_a_run_is_found_where_it_is(depth_px: float, length: int) -> None:
     assert set(range(700, 700 + length)) & set(run.points.tolist())
 
 
+@pytest.mark.parametrize(("length", "is_found"), [(1, False), (3, True)])
+def test_a_jog_of_a_pixel_has_no_outline_of_its_own(length: int, is_found: bool) -> None:
+    """Two sides meet in a step; along its normal the outline of the farther side is met."""
+    at, normals = straight(600)
+    test = RunTest(noise_px=0.03, wave_px=0.05)
+    step = np.array([[300.0, -1.0 - k] for k in range(length)])
+    at = np.concatenate([at[:300], step, at[300:] - [0.0, 1.0 + length]])
+    normals = np.concatenate([normals[:300], np.tile([1.0, 0.0], (length, 1)), normals[300:]])
+    off = np.zeros(len(at))
+    off[300 : 300 + length] = 4.0
+    assert bool(find_runs(at, normals, off, 1.0, test)) is is_found
+
+
 def test_sides_that_blur_joins_are_told_from_sides_that_it_does_not() -> None:
     one, up = straight(20)
     near, far = one + np.array([0.0, 2.0]), one + np.array([0.0, 9.0])

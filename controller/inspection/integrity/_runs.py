@@ -88,13 +88,18 @@ def find_runs(
     known = np.flatnonzero(np.isfinite(off_px))
     if len(known) < 3:
         return []
+    # A face that shows over less than blur reaches, as in a jog at a corner, has no outline of its own:
+    # along its normal another face's is met.
+    known = known[_count(_beside(cKDTree(at_px[known]), normals[known], WINDOWS_PX[0])) > 1]
+    if len(known) < 3:
+        return []
     at, direction, off = at_px[known], normals[known], off_px[known]
     tree = cKDTree(at)
     limit = test.limit(len(known))
     best = np.zeros(len(known))
     for half in WINDOWS_PX:
         beside = _beside(tree, direction, half)
-        count = np.asarray(beside.sum(axis=1), dtype=np.float64).ravel()
+        count = _count(beside)
         mean = (beside @ off) / count
         z = mean / test.sigma_px(count * step_px)
         best = np.where(np.abs(z) > np.abs(best), z, best)
@@ -129,6 +134,11 @@ def _beside(tree: cKDTree, direction: FloatArray, half_px: float) -> sp.csr_matr
     rows = np.concatenate([i, j, np.arange(n)])
     columns = np.concatenate([j, i, np.arange(n)])
     return sp.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+
+
+def _count(beside: sp.csr_matrix) -> FloatArray:
+    """Return the number of points (n,) in each one's window, with itself."""
+    return np.asarray(beside.sum(axis=1), dtype=np.float64).ravel()
 
 
 def _linked(
