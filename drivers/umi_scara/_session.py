@@ -13,6 +13,7 @@ from typing import Final, TypeVar
 from drivers.clock import CellClock
 from drivers.errors import DeviceError, LinkError, PositionLostError, SilentLineError
 from drivers.kinds import Stop
+from drivers.tasks import run_to_end
 from drivers.wires import LineTap
 
 from .line import (
@@ -23,7 +24,6 @@ from .line import (
     SerialTransport,
     Trace,
     Transport,
-    run_to_end,
 )
 from .model import OutOfRangeError
 from .motion import Axes, AxisStalledError, MotionStoppedError, Positions

@@ -5,7 +5,6 @@ It knows requests and replies, no motor.
 
 from ._link import Guard, Link
 from ._recorded import Exchanged, RecordedArm, RecordedLine, RecordedTransport, exchanges_of
-from ._tasks import run_to_end
 from ._transport import SerialTransport, Transport
 from ._wire import LineUncertainError, LinkConfig, Trace, WireExchange, breaks_step
 
@@ -24,5 +23,4 @@ __all__ = [
     "WireExchange",
     "breaks_step",
     "exchanges_of",
-    "run_to_end",
 ]

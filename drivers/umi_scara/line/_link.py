@@ -22,6 +22,7 @@ from drivers.errors import (
     SilentLineError,
     WrongDeviceError,
 )
+from drivers.tasks import run_to_end
 from drivers.wires import LineTap
 
 from ..protocol.codec import (
@@ -32,7 +33,7 @@ from ..protocol.codec import (
     encode_simple,
 )
 from ..protocol.constants import Ip, Simple, StatusBits
-from ._tasks import Turns, run_to_end
+from ._tasks import Turns
 from ._transport import Transport
 from ._wire import SILENT, LineUncertainError, LinkConfig, Trace, Wire, breaks_step
 
