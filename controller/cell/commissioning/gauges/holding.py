@@ -9,25 +9,21 @@ from controller.arrays import FloatArray
 from controller.commissioning.kinematics import KinematicsError, board_pose, plate_faces
 from controller.commissioning.showing import ShowingRegion
 from controller.imaging import inverse_pose, rotation_angle
+from controller.planning.model import JOINT_COUNT
 
 from ..bench import Bench
 from ..boards import PlateInJaws
 from ..errors import StepFailedError
+from ..jogging.goals import slides
 
 REGION: Final = ShowingRegion(550.0, 850.0)  # distance from the inspection camera [mm]
 MARGIN_MM: Final = 25.0
 CHOICES: Final = 12  # number of places tried to show the plate at
 SEED: Final = 4
 SHAKES: Final = 3
-# pitch, roll [rad] and zed [mm], to either side
-SWINGS: Final = tuple(
-    np.array(one)
-    for one in (
-        (0, 0, 0, 0, np.radians(6.0), 0),
-        (0, 0, 0, 0, 0, np.radians(6.0)),
-        (0, 0, 0, 12.0, 0, 0),
-    )
-)
+SWUNG: Final = (4, 5, 3)  # joints that are swung one after the other: near the gripper
+SWING_RAD: Final = np.radians(6.0)
+SWING_MM: Final = 12.0
 SLIP_MM: Final = 0.5
 SLIP_DEG: Final = 0.3
 
@@ -66,10 +62,12 @@ def _where(bench: Bench, held: PlateInJaws) -> tuple[FloatArray, list[FloatArray
         "inspection", REGION, CHOICES, rng, is_front=True, margin_mm=MARGIN_MM
     )
     limits = bench.layout.arm.within_limits
+    sizes = np.where(slides(bench.layout.arm), SWING_MM, SWING_RAD)
+    swings = [np.eye(JOINT_COUNT)[joint] * sizes for joint in SWUNG]
     for q in rows:
-        ends = np.stack([q + sign * step for step in SWINGS for sign in (1, -1)])
+        ends = np.stack([q + sign * step for step in swings for sign in (1, -1)])
         if held.within_reach(q) and limits(ends).all() and held.scene.free(ends, MARGIN_MM).all():
-            return q, list(SWINGS)
+            return q, swings
     raise StepFailedError(
         "no place was found where the inspection camera sees the plate and the arm may "
         "shake it; check the camera's pose and the obstacles in the cell file"
