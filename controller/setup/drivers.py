@@ -95,6 +95,20 @@ def read_settings(driver: Driver[Any, Any], given: Mapping[str, Any], where: str
     return _checked(driver.settings, given, f"{where}.settings")
 
 
+def read_shape(driver: Driver[Any, Any], cell: Cell) -> Any:  # noqa: ANN401  (the driver's own dataclass)
+    """Return ``arm.shape`` of a cell file as the dataclass of the arm's driver.
+
+    None for a driver that asks for none, or a cell file that has none.
+
+    Raises
+    ------
+    ConfigError : an unknown key, a missing key, or a value that the driver refuses
+    """
+    if not isinstance(driver, ArmDriver) or not isinstance(cell.arm, OtherArmSection):
+        return None
+    return _checked(driver.shape, cell.arm.shape, "arm.shape")
+
+
 def describe_arm(name: str, given: Mapping[str, Any]) -> ArmDescription[Any]:
     """Return an arm as its driver describes it.
 

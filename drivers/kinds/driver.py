@@ -54,6 +54,8 @@ class Site:
         s]
     wires : recorder or player of the device's wires; `open_link` has it in place already
     folder : folder of the cell file; an address that is a relative path begins here
+    shape : of an arm, ``arm.shape`` of the cell file as the driver's own dataclass; None if it has
+        none
     """
 
     name: str
@@ -68,6 +70,7 @@ class Site:
     silence_s: float = 0.5
     wires: Wires = UNTAPPED
     folder: Path = Path()
+    shape: Any = None
 
 
 @dataclass(frozen=True, slots=True)

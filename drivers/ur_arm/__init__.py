@@ -1,28 +1,76 @@
 """Universal Robots arm (e-Series, and CB3's UR5): moves its joints; knows nothing of their load.
 
-Source of all facts: ur.md. `model` has joints, poses, links, limits and timing, without any device.
+Source of all facts: ur.md. Rooms, upwards: `protocol` (tables and bytes), `ports` (RTDE, dashboard,
+script), `jaws` (the gripper on the flange); beside them, without any device, `model` (joints,
+poses, links, timing). `UrArm` stands above all of them.
 """
 
 from typing import Final
 
-from ..kinds import Arm, ArmDriver, NoSettings, Site
+from ..gripper_modbus import GripperConfig
+from ..kinds import ArmDriver, Site
+from ..modbus_link import TcpAddress
+from ._arm import UrArm
+from ._config import ControllerAddress, UrSettings
+from ._errors import LocalControlError, OutOfRangeError, PowerOffError, SafetyStopError
+from ._session import ArmIdentity
+from .jaws import Jaws, JawScale, ModbusJaws, UrcapJaws
 from .model import MODELS, LinkBox, UrModel, UrShape, UrTiming, describe
 
 __all__ = [
     "DRIVER",
     "MODELS",
+    "ArmIdentity",
+    "ControllerAddress",
+    "JawScale",
+    "Jaws",
     "LinkBox",
+    "LocalControlError",
+    "ModbusJaws",
+    "OutOfRangeError",
+    "PowerOffError",
+    "SafetyStopError",
+    "UrArm",
     "UrModel",
+    "UrSettings",
     "UrShape",
     "UrTiming",
+    "UrcapJaws",
     "describe",
 ]
 
 
-def _build(site: Site, settings: NoSettings) -> Arm:
-    raise ValueError("this version plans for the arm and has no wire to it")
+def _build(site: Site, settings: UrSettings) -> UrArm:
+    shape = site.shape
+    if not isinstance(shape, UrShape):
+        raise ValueError("`arm.shape` of the cell file describes this arm, and is missing")
+    address = ControllerAddress.of(site.address)
+    return UrArm(
+        address, shape, settings, _jaws(site, address, settings), site.clock, site.silence_s
+    )
 
 
-DRIVER: Final[ArmDriver[NoSettings, UrShape, UrModel]] = ArmDriver(
-    NoSettings, _build, UrShape, describe
+def _jaws(site: Site, address: ControllerAddress, settings: UrSettings) -> Jaws:
+    if settings.gripper == "modbus":
+        host, _, port = settings.gripper_address.rpartition(":")
+        config = GripperConfig(
+            unit=settings.gripper_unit,
+            open_mm=settings.jaw_open_mm,
+            counts_open=settings.jaw_open_counts,
+            counts_closed=settings.jaw_closed_counts,
+            default_speed_mm_s=settings.jaw_speed_mm_s,
+        )
+        return ModbusJaws(TcpAddress(host, int(port)), site.clock, config)
+    scale = JawScale(settings.jaw_open_mm, settings.jaw_open_counts, settings.jaw_closed_counts)
+    return UrcapJaws(
+        settings.host or address.host,
+        settings.gripper_port,
+        site.clock,
+        scale,
+        settings.jaw_speed_mm_s,
+    )
+
+
+DRIVER: Final[ArmDriver[UrSettings, UrShape, UrModel]] = ArmDriver(
+    UrSettings, _build, UrShape, describe
 )

@@ -251,6 +251,7 @@ REASONING = (
     "../drivers/gripper_modbus/_registers.py", "../drivers/modbus_link/_address.py",
     "../drivers/umi_scara/model/limits.py", "../drivers/umi_scara/motion/_counters.py",
     "../drivers/umi_scara/motion/_moves.py", "../drivers/umi_scara/protocol/constants.py",
+    "../drivers/ur_arm/protocol/modes.py",
     # calibrations, steps of commissioning, the doctor
     "cli/devices/doctor_checks.py", "commissioning/procedure/_status.py",
     "config/calibrations/_standing.py",

@@ -8,13 +8,14 @@ from typing import Any, cast
 
 from controller.config import EMULATED, Cell, ConfigError
 from controller.config.cell import DeviceSection, LineSection
-from controller.setup.drivers import KIND_OF, find_driver, read_settings
+from controller.setup.drivers import KIND_OF, find_driver, read_settings, read_shape
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.kinds import (
     Arm,
     Camera,
     Capture,
+    Driver,
     FixedGripper,
     IoBlock,
     JawReading,
@@ -173,11 +174,13 @@ class DeviceBuilder:
         where = f"devices.{name}"
         settings = read_settings(driver, section["settings"], where)
         try:
-            return driver.build(self._site(name, kind, section), settings)
+            return driver.build(self._site(name, kind, section, driver), settings)
         except ValueError as error:
             raise ConfigError(f"{where}: {error}") from error
 
-    def _site(self, name: str, kind: str, section: Mapping[str, Any]) -> Site:
+    def _site(
+        self, name: str, kind: str, section: Mapping[str, Any], driver: Driver[Any, Any]
+    ) -> Site:
         polling = polling_of(self._cell, self._clock)
         lamps = tuple(
             Lamp(lamp, s.analog, s.relay, s.drive, s.settle_s)
@@ -196,6 +199,7 @@ class DeviceBuilder:
             silence_s=self._cell.detection.arm_silent_s - self._cell.detection.arm_beat_s,
             wires=self._wires,
             folder=self._cell.folder,
+            shape=read_shape(driver, self._cell) if kind == "arm" else None,
         )
 
     def _inputs(self) -> dict[str, int]:

@@ -1,0 +1,10 @@
+"""The gripper on the arm: a Robotiq 2F by the arm's own port, or by Modbus.
+
+Sections (§) are those of ur.md.
+"""
+
+from ._modbus import ModbusJaws
+from ._reading import Jaws, JawScale, JawState
+from ._urcap import UrcapJaws
+
+__all__ = ["JawScale", "JawState", "Jaws", "ModbusJaws", "UrcapJaws"]
