@@ -76,7 +76,7 @@ async def move(
     limit_s = PATIENCE * float(timing.move_seconds(begin.q, q, share)) + PATIENCE
     watch = _Watch(session, q, begin, limit_s)
     try:
-        while not watch.takes(await session.state(), guard):
+        while not watch.takes(await session.next_state(), guard):
             pass
     except RefusedError:
         await session.require_remote()

@@ -203,8 +203,12 @@ class UrSession:
         return self._script
 
     async def state(self) -> UrState:
-        """Return the next state to come."""
+        """Return a state younger than this call."""
         return await self.rtde.fresh()
+
+    async def next_state(self) -> UrState:
+        """Return the next state to be read, for who looks at one after the other."""
+        return await self.rtde.next()
 
     async def read_jaws(self) -> JawState:
         """Return a fresh reading of the jaws, and note whether they are active."""
@@ -382,8 +386,8 @@ class UrSession:
     async def _until_still(self, accel_rad_s2: float) -> None:
         """Wait until the states show all joints at rest after a stop."""
         still, until_s = 0, None
-        while still < STILL_COUNT:
-            state = await self.state()
+        state = await self.state()
+        while True:
             speed = float(np.abs(state.qd).max())
             still = still + 1 if speed <= STILL_RAD_S else 0
             now_s = self.clock.attended_s()
@@ -394,6 +398,9 @@ class UrSession:
                     f"arm: still moves at {np.degrees(speed):.0f} deg/s after a stop; press the "
                     "emergency stop"
                 )
+            if still >= STILL_COUNT:
+                return
+            state = await self.next_state()
 
     async def halt_quietly(self) -> None:
         """Dead-stop while an earlier error is being raised: log a failure only."""

@@ -27,12 +27,13 @@ class UrTiming:
     ----------
     joint_rad_s : speed of each joint in a move, none above its published limit [rad/s]
     acceleration_rad_s2 : of the leading axis [rad/s²]
-    command_s : script sent to the first motion, and the last motion to the end that is proven
+    command_s : script sent to the first motion, and the last motion to the end that is proven: 0.04
+        s over the wire to the emulated controller
     """
 
     joint_rad_s: tuple[float, float, float, float, float, float]
     acceleration_rad_s2: float
-    command_s: float = 0.1
+    command_s: float = 0.05
 
     @property
     def joint_speeds(self) -> Floats:

@@ -84,6 +84,7 @@ class RtdePort:
         self._recipe: Recipe | None = None
         self._period_s = 0.0
         self._latest: UrState | None = None
+        self._latest_read = self._read_count = 0
         self._news = asyncio.Event()
         self._failure: DeviceError | None = None
         self._task: asyncio.Task[None] | None = None
@@ -166,7 +167,9 @@ class RtdePort:
 
     async def _next(self) -> Package:
         while not self._queue:
-            self._queue.extend(self._reader.feed(await self._stream.read()))
+            data = await self._stream.read()
+            self._read_count += 1
+            self._queue.extend(self._reader.feed(data))
         return self._queue.popleft()
 
     async def _run(self) -> None:
@@ -192,7 +195,7 @@ class RtdePort:
                 self.lost_count += lost
                 if lost >= LAG_PERIODS:
                     log.warning("arm: no state for %.0f ms of its own time", gap_s * 1000)
-        self._latest = state
+        self._latest, self._latest_read = state, self._read_count
         self._news.set()
 
     def _note_text(self, package: Package) -> None:
@@ -201,21 +204,35 @@ class RtdePort:
             self.texts.append(text)
 
     async def fresh(self) -> UrState:
-        """Return the next state to come: it is younger than this call.
+        """Return a state that has come since this call, of which none was on its way before.
+
+        What had arrived by then is in the first read of the socket from now on.
 
         Raises
         ------
         SilentLineError : none comes
         UnpluggedError : the connection has ended
         """
-        self._news.clear()
+        return await self._since(self._read_count + 1)
+
+    async def next(self) -> UrState:
+        """Return the next state to be read, for who looks at one after the other.
+
+        Raises
+        ------
+        SilentLineError, UnpluggedError : as `fresh`
+        """
+        return await self._since(self._read_count)
+
+    async def _since(self, read_count: int) -> UrState:
+        """Return the first state behind a number of reads of the socket."""
         try:
             async with self._clock.timeout(self._silence_s):
                 while self._failure is None:
-                    await self._news.wait()
-                    if self._latest is not None:
-                        break
                     self._news.clear()
+                    await self._news.wait()
+                    if self._latest is not None and self._latest_read > read_count:
+                        break
         except TimeoutError as error:
             raise SilentLineError(
                 f"arm: no state for {self._silence_s:g} s; check the cable, and that the "
