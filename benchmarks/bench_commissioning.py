@@ -44,6 +44,7 @@ from controller.setup.layout import build_layout
 from drivers.umi_scara import kinematics
 from emulators.as_built import AsBuilt, draw_as_built
 from emulators.umi_scara import COUNTS_PER_DEG, ArmJoints, Axis
+from emulators.world.chain import TCP
 from emulators.world.layout import read_layout
 from emulators.world.poses import forward
 
@@ -75,7 +76,7 @@ class TrueCell:
         out = []
         for s, e, y, z, p, r in q - back:
             joints = errors.joints(ArmJoints(s, e, y, z, p, r, 40.0))
-            out.append(forward(self.built.layout.arm, joints)["arm gripper"])
+            out.append(forward(self.built.layout.arm, joints)[TCP])
         return np.array(out)
 
     def pixels(self, camera: str, points: Array) -> Array:

@@ -16,6 +16,9 @@ from emulators.grippers import JawErrors
 from emulators.lighting_modbus import LampCharacter
 from emulators.umi_scara import COUNTS_PER_DEG, ArmErrors
 from emulators.world import CameraLayout, LampLayout, Layout, TrayLayout
+from emulators.world.arms import MadeShape, UmiShape
+from emulators.world.chain import TCP
+from emulators.world.layout import ArmShape
 from emulators.world.poses import invert, rotation_about
 
 Array = NDArray[np.float64]
@@ -31,6 +34,9 @@ DISTORTION: Final = (0.03, 0.03, 0.0005, 0.0005, 0.01)  # k1 k2 p1 p2 k3
 BASE_MM: Final = 3.0
 BASE_DEG: Final = 0.5
 LINK_MM: Final = 0.3
+# of an arm other than the RTX: at six links, some 1 mm at the tool, as an arm has whose maker's
+# calibration of it is not used
+LINK_DEG: Final = 0.03
 ZERO_DEG: Final = 0.5
 ZED_ZERO_MM: Final = 0.5
 PLAY_DEG: Final = (0.1, 0.3)
@@ -58,7 +64,7 @@ class AsBuilt:
     Attributes
     ----------
     layout : the cell file's, with everything where it really is
-    arm : differences of the arm from its description
+    arm : differences of a UMI RTX from its description; none of another arm
     lamps : response of each lamp to its orders
     oversize_mm : oversize of the longest edge of every part
     tilt_rad : tilt of the table against all else, about x and y
@@ -74,7 +80,7 @@ class AsBuilt:
 
     def truth(self) -> dict[str, Any]:
         """Return the true parameters to compare a calibration with, as plain values."""
-        layout, arm = self.layout, self.arm
+        layout = self.layout
         return {
             "cameras": {
                 name: {
@@ -89,16 +95,7 @@ class AsBuilt:
             },
             "arm": {
                 "T_world_base": layout.arm.T_world_base.tolist(),
-                "upper_mm": layout.arm.upper_mm,
-                "fore_mm": layout.arm.fore_mm,
-                "tool_mm": layout.arm.tool_mm,
-                "tool_off_mm": list(layout.arm.tool_off_mm),
-                "zero_rad": dict(arm.zero_rad),
-                "zed_zero_mm": arm.zed_zero_mm,
-                "jaw_zero_mm": arm.jaw_zero_mm,
-                "play_counts": {axis.value: play for axis, play in arm.play_counts.items()},
-                "yaw_per_elbow": arm.yaw_per_elbow,
-                "sag_mm": arm.sag_mm,
+                **_arm_truth(layout.arm.shape, self.arm),
             },
             "fixed_gripper": {
                 "T_world_tcp": layout.fixed_gripper.T_world_tcp.tolist(),
@@ -147,10 +144,7 @@ def draw_as_built(layout: Layout, seed: int) -> AsBuilt:
         arm,
         T_world_base=T_world_base,
         T_world_column=T_world_base @ invert(arm.T_world_base),
-        upper_mm=arm.upper_mm + draw.within(LINK_MM),
-        fore_mm=arm.fore_mm + draw.within(LINK_MM),
-        tool_mm=arm.tool_mm + draw.within(TOOL_MM),
-        tool_off_mm=(draw.within(TOOL_MM), draw.within(TOOL_MM)),
+        shape=_shape(arm.shape, draw),
     )
     slow = draw.one_of(sorted(layout.lamps))
     return AsBuilt(
@@ -214,6 +208,41 @@ def _turned(vector_rad: Any) -> Array:  # noqa: ANN401  (three numbers)
     vector = np.asarray(vector_rad, dtype=float)
     angle = float(np.linalg.norm(vector))
     return np.eye(3) if angle == 0.0 else rotation_about(vector, angle)
+
+
+def _shape(shape: ArmShape, draw: _Draw) -> ArmShape:
+    """Return an arm as it was made; a UMI RTX differs in what its calibration can find."""
+    if isinstance(shape, UmiShape):
+        return replace(
+            shape,
+            upper_mm=shape.upper_mm + draw.within(LINK_MM),
+            fore_mm=shape.fore_mm + draw.within(LINK_MM),
+            tool_mm=shape.tool_mm + draw.within(TOOL_MM),
+            tool_off_mm=(draw.within(TOOL_MM), draw.within(TOOL_MM)),
+        )
+    links = []
+    for link in shape.chain.links:
+        by_mm = TOOL_MM if link.name == TCP else LINK_MM
+        links.append(replace(link, T_on_link=draw.moved(link.T_on_link, by_mm, LINK_DEG)))
+    return MadeShape(replace(shape.chain, links=tuple(links)))
+
+
+def _arm_truth(shape: ArmShape, errors: ArmErrors) -> dict[str, Any]:
+    """Return the true figures of an arm beyond where its base is, as plain values."""
+    if not isinstance(shape, UmiShape):
+        return {"links": {link.name: link.T_on_link.tolist() for link in shape.chain.links}}
+    return {
+        "upper_mm": shape.upper_mm,
+        "fore_mm": shape.fore_mm,
+        "tool_mm": shape.tool_mm,
+        "tool_off_mm": list(shape.tool_off_mm),
+        "zero_rad": dict(errors.zero_rad),
+        "zed_zero_mm": errors.zed_zero_mm,
+        "jaw_zero_mm": errors.jaw_zero_mm,
+        "play_counts": {axis.value: play for axis, play in errors.play_counts.items()},
+        "yaw_per_elbow": errors.yaw_per_elbow,
+        "sag_mm": errors.sag_mm,
+    }
 
 
 def _camera(camera: CameraLayout, draw: _Draw, T_tilt: Array) -> CameraLayout:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from emulators.umi_scara import COUNTS_PER_DEG, ZED_COUNTS_PER_MM, ArmJoints, ArmModel, Axis
 from emulators.world import Layout
+from emulators.world.chain import TCP
 from emulators.world.poses import forward
 
 Array = NDArray[np.float64]
@@ -104,4 +105,4 @@ def guide(arm: ArmModel, layout: Layout, to_mm: Array) -> None:
 
 
 def _tips(layout: Layout, joints: ArmJoints) -> Array:
-    return np.asarray(forward(layout.arm, joints)["arm gripper"][:3, 3])
+    return np.asarray(forward(layout.arm, joints)[TCP][:3, 3])

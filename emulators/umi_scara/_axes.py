@@ -101,13 +101,21 @@ class ArmJoints:
     jaw_opening_mm : between the jaws
     """
 
-    shoulder_rad: float
-    elbow_rad: float
-    yaw_rad: float
-    zed_mm: float
-    pitch_rad: float
-    roll_rad: float
-    jaw_opening_mm: float
+    shoulder_rad: float = 0.0
+    elbow_rad: float = 0.0
+    yaw_rad: float = 0.0
+    zed_mm: float = 0.0
+    pitch_rad: float = 0.0
+    roll_rad: float = 0.0
+    jaw_opening_mm: float = 0.0
+
+    @property
+    def q(self) -> tuple[float, ...]:
+        """All joints but the jaws, in the order of the chain that the world has of this arm."""
+        return (
+            self.shoulder_rad, self.elbow_rad, self.yaw_rad,
+            self.zed_mm, self.pitch_rad, self.roll_rad,
+        )  # fmt: skip
 
 
 def gripper_counts_to_mm(counts: float) -> float:

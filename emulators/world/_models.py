@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from .layout import Array
 from .poses import Joints
+from .shapes import Array
 
 
 class ArmBody(Protocol):
@@ -62,8 +62,8 @@ class Event:
 class Snapshot:
     """The poses ``T_world_*`` of all that moves at one instant, by name [mm].
 
-    Parts are ``part 0``, ``part 1`` ...; the arm's links ``upper``, ``fore``, ``arm gripper``,
-    ``carriage``; fingers ``arm finger +`` and so on.
+    Parts are ``part 0``, ``part 1`` ...; the arm's links have the names of its chain, its last
+    frame is ``arm gripper``; fingers are ``arm finger +`` and so on.
     """
 
     at_s: float

@@ -13,7 +13,8 @@ from typing import Final
 import numpy as np
 
 from ._models import ArmBody, Event, JawBody, Snapshot
-from .layout import Array, Layout
+from .chain import TCP
+from .layout import Layout
 from .matter.bodies import STEP_S, Bodies
 from .matter.boxes import CellBoxes
 from .matter.collide import Collision, Obstruct, Stall, values_of
@@ -21,6 +22,7 @@ from .matter.grasp import TEAR_MM, TEAR_RAD, Gripper, apart, bears, make_gripper
 from .matter.parts import AWAY, FALLING, HELD, PROPPED, RESTING, Part
 from .matter.solid import Rest, Solid
 from .poses import JointValues, forward, rotation_about, turn_z
+from .shapes import Array
 
 log = logging.getLogger(__name__)
 
@@ -74,7 +76,7 @@ class World:
         self.bodies = Bodies()
         self.parts: list[Part] = []
         self.arm_gripper = make_gripper("arm", layout.arm.gripper, joints.jaw_opening_mm)
-        self.arm_gripper.T_world_tcp = self._links["arm gripper"]
+        self.arm_gripper.T_world_tcp = self._links[TCP]
         self.fixed_gripper = make_gripper("fixture", layout.fixed_gripper, jaws.opening_mm)
         grippers = (self.arm_gripper, self.fixed_gripper)
         self._boxes = CellBoxes(layout, self.bodies, self._links, *grippers)
@@ -114,7 +116,7 @@ class World:
         fixed_jaws_moved = self.fixed_gripper.opening_mm != self.fixed_gripper.before_mm
         self._jaw_moved = arm_jaws_moved or fixed_jaws_moved
         for name, moved in (
-            ("arm", arm_moved and joints.of_links != before.of_links),
+            ("arm", arm_moved and joints.q != before.q),
             ("arm gripper", arm_jaws_moved),
             ("fixed gripper", fixed_jaws_moved),
         ):
@@ -122,7 +124,7 @@ class World:
                 self.last_motion_s[name] = self.time_s
         if arm_moved:
             self._links = forward(self.layout.arm, joints)
-            self.arm_gripper.T_world_tcp = self._links["arm gripper"]
+            self.arm_gripper.T_world_tcp = self._links[TCP]
             self._boxes.follow_arm(self._links)
         if fixed_jaws_moved:
             self._boxes.place_fixed_fingers()

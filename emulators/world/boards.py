@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .layout import Array, LayoutError, load_plain
+from .layout import LayoutError, load_plain
 from .matter.solid import Solid, solid_of
+from .shapes import Array
 
 PLATE_KG_PER_MM3: Final = 1500e-9  # aluminium on both sides of a plastic core
 HELD_OFF_MM: Final = 3.0  # a person leaves this much of the bare side before the fingers' ends

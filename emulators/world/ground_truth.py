@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from ._world import World
-from .layout import Array
 from .matter.parts import AWAY, HELD, PROPPED, RESTING
+from .shapes import Array
 
 
 def part_pose(world: World, index: int) -> Array | None:

@@ -4,18 +4,18 @@ The controller reads the same file by itself; nothing of its reading is used her
 mm; `matter/bodies.py` turns them into pybullet's metres.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from ruamel.yaml import YAML
 from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent
 
-Array = NDArray[np.float64]
+from .arms import UmiShape
+from .chain import Chain
+from .shapes import Array, Box, PlacedBox
 
 MM_PER_M: Final = 1000.0
 _TRAY_WALL_MM: Final = 3.0  # thickness of the trays' walls
@@ -29,43 +29,6 @@ BLUR_SIGMA_PX: Final = 0.6  # blur of the lens; a pixel's own area is in the sam
 
 class LayoutError(Exception):
     """The cell file cannot be emulated: names the entry and the reason."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Box:
-    """An upright box in the frame of its owner.
-
-    Attributes
-    ----------
-    low_mm, high_mm : (3,) corners
-    """
-
-    name: str
-    low_mm: Array
-    high_mm: Array
-
-    @property
-    def centre_mm(self) -> Array:
-        """Its middle, (3,) [mm]."""
-        return (self.low_mm + self.high_mm) / 2.0
-
-    @property
-    def half_mm(self) -> Array:
-        """Half its edges, (3,) [mm]."""
-        return (self.high_mm - self.low_mm) / 2.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PlacedBox:
-    """A box in a frame that is fixed in the world.
-
-    Attributes
-    ----------
-    T_world_box : (4, 4) pose of the frame that the box's corners are given in
-    """
-
-    box: Box
-    T_world_box: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,30 +132,38 @@ class GripperLayout:
     jaw_max_mm: float
 
 
+class ArmShape(Protocol):
+    """The lengths of an arm, of whatever kind."""
+
+    @property
+    def chain(self) -> Chain:
+        """The arm with these lengths."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmLayout:
-    """The arm: two links, a wrist whose three axes meet, a gripper; umi_rtx.md 6.
+    """The arm and the gripper on it.
 
     Attributes
     ----------
-    tool_off_mm : offset of the TCP from the approach axis, along the jaws' axis and across
+    T_world_base : (4, 4) pose of the frame that its first link is on
+    shape : its lengths, which make the chain of its links
+    column : box of what does not move
     T_world_column : (4, 4) pose of the frame that the column's corners are given in: it stands on
         the arm's base, and goes where that goes
     """
 
     T_world_base: Array
-    upper_mm: float
-    fore_mm: float
-    tool_mm: float
-    wrist_height_mm: float
+    shape: ArmShape
     column: Box
-    carriage: Box
-    upper: Box
-    fore: Box
     gripper: GripperLayout
-    park_rad: Mapping[str, float]
-    tool_off_mm: tuple[float, float] = (0.0, 0.0)
     T_world_column: Array = field(default_factory=lambda: np.eye(4))
+
+    @property
+    def chain(self) -> Chain:
+        """Its links."""
+        return self.shape.chain
 
 
 @dataclass(frozen=True, slots=True)
@@ -354,21 +325,22 @@ def _arm(raw: dict[str, Any]) -> ArmLayout:
     links = raw["links"]
     return ArmLayout(
         T_world_base=_pose(raw["pose"]),
-        upper_mm=float(raw["upper_mm"]),
-        fore_mm=float(raw["fore_mm"]),
-        tool_mm=float(raw["tool_mm"]),
-        wrist_height_mm=float(raw["wrist_height_mm"]),
+        shape=UmiShape(
+            upper_mm=float(raw["upper_mm"]),
+            fore_mm=float(raw["fore_mm"]),
+            tool_mm=float(raw["tool_mm"]),
+            wrist_height_mm=float(raw["wrist_height_mm"]),
+            carriage=_box("carriage", links["carriage"]),
+            upper=_box("upper", links["upper"]),
+            fore=_box("fore", links["fore"]),
+        ),
         column=_box("column", links["column"]),
-        carriage=_box("carriage", links["carriage"]),
-        upper=_box("upper", links["upper"]),
-        fore=_box("fore", links["fore"]),
         gripper=GripperLayout(
             T_world_tcp=np.eye(4),
             boxes=_boxes(_renamed(raw, "arm_gripper", "hand")),
             fingers=_fingers(raw["fingers"]),
             jaw_max_mm=float(raw["jaw_max_mm"]),
         ),
-        park_rad={name: math.radians(value) for name, value in raw["park_deg"].items()},
     )
 
 

@@ -1,66 +1,36 @@
-"""Poses as 4x4 matrices in mm, and those of the arm's links; umi_rtx.md 6, read a second time."""
+"""Poses as 4x4 matrices in mm, and those of the arm's links."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from .layout import ArmLayout, Array
+from .layout import ArmLayout
+from .shapes import Array
 
 
 class Joints(Protocol):
-    """The true joints of the arm; umi_rtx.md 6.2, 6.3 (``yaw_rad`` is the yaw motor's)."""
+    """The true joints of an arm, and its jaws."""
 
     @property
-    def shoulder_rad(self) -> float:
-        """Angle of the shoulder."""
-
-    @property
-    def elbow_rad(self) -> float:
-        """Angle of the elbow."""
-
-    @property
-    def yaw_rad(self) -> float:
-        """Angle of the yaw motor."""
-
-    @property
-    def zed_mm(self) -> float:
-        """Height of the carriage, 0 at the top."""
-
-    @property
-    def pitch_rad(self) -> float:
-        """Angle of the wrist about its cross axis."""
-
-    @property
-    def roll_rad(self) -> float:
-        """Angle of the wrist about the approach."""
+    def q(self) -> Sequence[float]:
+        """Values of the joints, in the order of its chain [rad, mm]."""
+        ...
 
     @property
     def jaw_opening_mm(self) -> float:
         """Distance between the pads."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
 class JointValues:
     """Joint values by themselves, without an arm model."""
 
-    shoulder_rad: float = 0.0
-    elbow_rad: float = 0.0
-    yaw_rad: float = 0.0
-    zed_mm: float = 0.0
-    pitch_rad: float = 0.0
-    roll_rad: float = 0.0
-    jaw_opening_mm: float = 85.0
-
-    @property
-    def of_links(self) -> tuple[float, ...]:
-        """All values but the jaws'."""
-        return (
-            self.shoulder_rad, self.elbow_rad, self.yaw_rad,
-            self.zed_mm, self.pitch_rad, self.roll_rad,
-        )  # fmt: skip
+    q: tuple[float, ...]
+    jaw_opening_mm: float
 
 
 def turn_z(angle_rad: float, x_mm: float = 0.0, y_mm: float = 0.0, z_mm: float = 0.0) -> Array:
@@ -80,48 +50,14 @@ def turn_z(angle_rad: float, x_mm: float = 0.0, y_mm: float = 0.0, z_mm: float =
 
 
 def forward(arm: ArmLayout, joints: Joints) -> dict[str, Array]:
-    """Return the links' poses ``T_world_*``: carriage, upper, fore and arm gripper.
+    """Return the poses ``T_world_*`` of the arm's links, by name; the last is `chain.TCP`.
 
-    Heading psi = shoulder + elbow / 2 + yaw, R = Rz(psi) Ry(-pitch) Rx(roll); umi_rtx.md 6.4.
+    Parameters
+    ----------
+    arm : the arm where it stands
+    joints : its joints
     """
-    s, e = joints.shoulder_rad, joints.elbow_rad
-    z_mm = arm.wrist_height_mm + joints.zed_mm
-    ex, ey = arm.upper_mm * math.cos(s), arm.upper_mm * math.sin(s)
-    wx, wy = ex + arm.fore_mm * math.cos(s + e), ey + arm.fore_mm * math.sin(s + e)
-    psi = s + e / 2.0 + joints.yaw_rad
-    c, k = math.cos(psi), math.sin(psi)
-    cp, sp = math.cos(joints.pitch_rad), math.sin(joints.pitch_rad)
-    cr, sr = math.cos(joints.roll_rad), math.sin(joints.roll_rad)
-    approach = (c * cp, k * cp, sp)
-    reach = arm.tool_mm
-    T_base_tcp = np.array(
-        (
-            (approach[0], -k * cr - c * sp * sr, k * sr - c * sp * cr, wx + reach * approach[0]),
-            (approach[1], c * cr - k * sp * sr, -c * sr - k * sp * cr, wy + reach * approach[1]),
-            (approach[2], cp * sr, cp * cr, z_mm + reach * approach[2]),
-            (0.0, 0.0, 0.0, 1.0),
-        )
-    )
-    base = arm.T_world_base
-    off_y, off_z = arm.tool_off_mm
-    T_base_tcp[:3, 3] += off_y * T_base_tcp[:3, 1] + off_z * T_base_tcp[:3, 2]
-    return {
-        "carriage": base @ turn_z(0.0, 0.0, 0.0, z_mm),
-        "upper": base @ turn_z(s, 0.0, 0.0, z_mm),
-        "fore": base @ turn_z(s + e, ex, ey, z_mm),
-        "arm gripper": base @ T_base_tcp,
-    }
-
-
-# How one motor count (here: a small angle or length) changes the joints; wrist motors act together
-MOTOR_EFFECT: Mapping[str, Mapping[str, float]] = {
-    "shoulder": {"shoulder_rad": 1.0},
-    "elbow": {"elbow_rad": 1.0},
-    "yaw": {"yaw_rad": 1.0},
-    "zed": {"zed_mm": 1.0},
-    "wrist1": {"pitch_rad": 0.5, "roll_rad": 0.5},
-    "wrist2": {"pitch_rad": 0.5, "roll_rad": -0.5},
-}
+    return arm.chain.poses(arm.T_world_base, joints.q)
 
 
 def invert(T: Array) -> Array:

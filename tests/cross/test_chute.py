@@ -12,13 +12,14 @@ import trimesh
 from controller.config import load_cell
 from controller.setup.layout import build_layout
 from emulators.gripper_modbus import JawModel
+from emulators.umi_scara import ArmJoints
 from emulators.world import Solid, World, load_solid, read_layout
-from emulators.world.poses import JointValues, transform, turn_z
+from emulators.world.poses import transform, turn_z
 
 ROOT = Path(__file__).resolve().parents[2]
 CELL = ROOT / "recipes" / "cells" / "emulated.yaml"
 SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
-PARK = JointValues(shoulder_rad=math.radians(80.0), pitch_rad=-math.pi / 2.0, jaw_opening_mm=85.0)
+PARK = ArmJoints(shoulder_rad=math.radians(80.0), pitch_rad=-math.pi / 2.0, jaw_opening_mm=85.0)
 
 
 class ParkedArm:
@@ -27,7 +28,7 @@ class ParkedArm:
     def advance(self, dt_s: float) -> None:
         pass
 
-    def joints(self) -> JointValues:
+    def joints(self) -> ArmJoints:
         return PARK
 
 

@@ -10,9 +10,10 @@ import pytest
 from emu_faults_bench import BLOCK_MM, StillCell
 
 from emulators.as_built import as_drawn, draw_as_built
-from emulators.umi_scara import ArmErrors, ArmModel, Axis
+from emulators.umi_scara import ArmErrors, ArmJoints, ArmModel, Axis
 from emulators.world import read_layout
-from emulators.world.poses import JointValues, forward
+from emulators.world.chain import TCP
+from emulators.world.poses import forward
 
 ROOT = Path(__file__).parents[2]
 LAYOUT = read_layout(ROOT / "recipes" / "cells" / "emulated.yaml")
@@ -88,8 +89,8 @@ def test_lenses_lamps_trays_and_parts_differ_within_their_bounds() -> None:
         ramps = sorted(one.ramp_s for one in built.lamps.values())
         assert ramps[-1] > 5.0 * ramps[-2]  # one lamp is slow
         assert abs(built.oversize_mm) == pytest.approx(0.1)
-        assert abs(built.layout.arm.upper_mm - LAYOUT.arm.upper_mm) <= 0.3
-        assert abs(built.layout.arm.tool_mm - LAYOUT.arm.tool_mm) <= 0.5
+        assert abs(built.layout.arm.shape.upper_mm - LAYOUT.arm.shape.upper_mm) <= 0.3
+        assert abs(built.layout.arm.shape.tool_mm - LAYOUT.arm.shape.tool_mm) <= 0.5
         assert all(abs(math.degrees(zero)) <= 0.5 for zero in built.arm.zero_rad.values())
 
 
@@ -143,9 +144,10 @@ def test_jaws_stop_on_a_part_at_its_true_width() -> None:
 
 
 def test_the_tool_stands_beside_the_approach_axis() -> None:
-    joints = JointValues(shoulder_rad=0.3, elbow_rad=-0.5, yaw_rad=0.2, pitch_rad=-0.7)
-    straight = forward(LAYOUT.arm, joints)["arm gripper"]
-    beside = forward(replace(LAYOUT.arm, tool_off_mm=(0.4, -0.3)), joints)["arm gripper"]
+    joints = ArmJoints(shoulder_rad=0.3, elbow_rad=-0.5, yaw_rad=0.2, pitch_rad=-0.7)
+    straight = forward(LAYOUT.arm, joints)[TCP]
+    shape = replace(LAYOUT.arm.shape, tool_off_mm=(0.4, -0.3))
+    beside = forward(replace(LAYOUT.arm, shape=shape), joints)[TCP]
     in_tcp = straight[:3, :3].T @ (beside[:3, 3] - straight[:3, 3])
     assert in_tcp == pytest.approx([0.0, 0.4, -0.3])
 

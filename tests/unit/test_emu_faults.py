@@ -13,6 +13,7 @@ from emu_faults_bench import AT_REST_MM, BYTE_S, ROOT, StillCell
 from numpy.typing import NDArray
 
 from emulators.umi_scara import Axis
+from emulators.world.chain import TCP
 from emulators.world.poses import forward
 
 Array = NDArray[np.float64]
@@ -171,7 +172,7 @@ def over_the_tray(cell: StillCell) -> None:
 
 def is_in_its_corner(cell: StillCell) -> bool:
     # centre 100, 390, size 150; recipes/cells/emulated.yaml
-    tips = forward(cell.layout.arm, cell.arm.joints())["arm gripper"][:3, 3]
+    tips = forward(cell.layout.arm, cell.arm.joints())[TCP][:3, 3]
     return bool(np.abs(tips - (175.0, 315.0, 0.0)).max() < 0.6)
 
 
@@ -777,10 +778,10 @@ def test_an_arm_whose_motors_hold_cannot_be_guided(cell: StillCell) -> None:
 def test_a_guided_arm_as_built_is_set_down_where_its_tips_are_seen(folder: Path) -> None:
     cell = StillCell(folder, as_built=4)
     over_the_tray(cell)
-    before = forward(cell.layout.arm, cell.arm.joints())["arm gripper"][:3, 3]
+    before = forward(cell.layout.arm, cell.arm.joints())[TCP][:3, 3]
     assert before[2] > 5.0
     cell.faults.do("guide")
-    after = forward(cell.layout.arm, cell.arm.joints())["arm gripper"][:3, 3]
+    after = forward(cell.layout.arm, cell.arm.joints())[TCP][:3, 3]
     np.testing.assert_allclose(after[:2], before[:2], atol=0.1)
     assert 0.0 < after[2] < 0.6
     cell.desk.close()

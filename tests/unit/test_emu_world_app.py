@@ -28,7 +28,7 @@ from emulators.world import (
     read_board,
     read_layout,
 )
-from emulators.world.layout import Array
+from emulators.world.shapes import Array
 
 ROOT = Path(__file__).parents[2]
 CELL = ROOT / "recipes" / "cells" / "emulated.yaml"

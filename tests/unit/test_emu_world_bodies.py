@@ -10,12 +10,14 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
+from emulators.umi_scara import ArmJoints
 from emulators.world import Layout, LayoutError, Solid, World, load_solid, read_layout
+from emulators.world.chain import TCP
 from emulators.world.ground_truth import custody, part_pose, tray_of
 from emulators.world.matter.grasp import apart
 from emulators.world.matter.pads import Pads
 from emulators.world.matter.solid import read_pieces, solid_of
-from emulators.world.poses import JointValues, forward, quat_xyzw_of, rotation_of
+from emulators.world.poses import forward, quat_xyzw_of, rotation_of
 
 Array = NDArray[np.float64]
 
@@ -51,14 +53,14 @@ class Arm:
 
     def __init__(self, **joints: float) -> None:
         start = {"shoulder_rad": math.radians(80.0), "pitch_rad": DOWN, "jaw_opening_mm": 85.0}
-        self.at = JointValues(**{**start, **joints})
+        self.at = ArmJoints(**{**start, **joints})
         self.grasp_limit_mm: float | None = None
         self.blocked: set[tuple[str, int]] = set()
 
     def advance(self, dt_s: float) -> None:
         pass
 
-    def joints(self) -> JointValues:
+    def joints(self) -> ArmJoints:
         return self.at
 
     def obstruct(self, motor: str, direction: int, blocked: bool) -> None:
@@ -168,7 +170,7 @@ def test_the_arm_stands_where_the_reference_table_says(layout: Layout) -> None:
         (0, 2206, -1000, 0, 0, 735, (-122.92, 208.91, 648.33), 150.953),
     ]
     for s, e, z, w1, w2, y, tip_mm, heading_deg in rows:
-        joints = JointValues(
+        joints = ArmJoints(
             shoulder_rad=math.radians(s / 29.221),
             elbow_rad=math.radians(e / 14.611),
             yaw_rad=math.radians(y / 9.740),
@@ -176,7 +178,7 @@ def test_the_arm_stands_where_the_reference_table_says(layout: Layout) -> None:
             pitch_rad=math.radians((w1 + w2) / (2 * 13.487)),
             roll_rad=math.radians((w1 - w2) / (2 * 13.487)),
         )
-        T = forward(layout.arm, joints)["arm gripper"]
+        T = forward(layout.arm, joints)[TCP]
         assert T[:3, 3] == pytest.approx(tip_mm, abs=0.006)
         pitch = joints.pitch_rad
         if abs(math.cos(pitch)) > 1e-3:
@@ -550,8 +552,8 @@ def test_the_gripper_stops_at_the_table_and_comes_up_again(bench: Bench) -> None
 
 
 def test_a_gripper_that_has_not_moved_yet_is_where_the_arm_holds_it(bench: Bench) -> None:
-    tip = forward(bench.layout.arm, bench.arm.at)["arm gripper"]
-    assert bench.world.snapshot().poses["arm gripper"] == pytest.approx(tip)
+    tip = forward(bench.layout.arm, bench.arm.at)[TCP]
+    assert bench.world.snapshot().poses[TCP] == pytest.approx(tip)
     assert bench.world.arm_gripper.T_world_tcp == pytest.approx(tip)
     bench.arm_gripper(60.0)
     assert bench.world.collisions == []
@@ -666,7 +668,7 @@ def test_a_held_part_meets_the_table_before_the_gripper_does(bench: Bench) -> No
 
 
 def test_the_park_position_and_a_pick_run_into_nothing(bench: Bench) -> None:
-    bench.go(0.1, **{f"{k}_rad": v for k, v in bench.layout.arm.park_rad.items()})
+    bench.go(0.1, shoulder_rad=math.radians(80.0), elbow_rad=0.0, yaw_rad=0.0, pitch_rad=DOWN)
     bench.pick_block()
     assert bench.world.collisions == []
 

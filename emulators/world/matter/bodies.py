@@ -4,8 +4,9 @@ from typing import Final
 
 import numpy as np
 
-from ..layout import MM_PER_M, Array, Box
+from ..layout import MM_PER_M
 from ..poses import invert, quat_xyzw_of, rotation_of
+from ..shapes import Array, Box
 from .engine import load_engine
 from .solid import Solid
 

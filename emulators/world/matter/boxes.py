@@ -5,7 +5,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..layout import Array, Box, Layout
+from ..chain import TCP
+from ..layout import Layout
+from ..shapes import Array, Box
 from .bodies import Bodies
 from .collide import BOX_MM, PIECE_MM, PUSH_MM, BoxSet, Touch
 from .grasp import Gripper
@@ -47,8 +49,10 @@ class CellBoxes:
         fixed += [(box, identity) for box in layout.obstacles]
         fixed += [(one.box, one.T_world_box) for one in layout.chute]
         fixed += [(box, fixed_gripper.T_world_tcp) for box in layout.fixed_gripper.boxes]
-        moving: list[tuple[str, Box]] = [("upper", arm.upper), ("fore", arm.fore)]
-        moving += [("arm gripper", box) for box in arm.gripper.boxes]
+        moving = [
+            (link.name, box) for link in arm.chain.links if link.is_solid for box in link.boxes
+        ]
+        moving += [(TCP, box) for box in arm.gripper.boxes]
         self._fixed_names = [box.name for box, _ in fixed]
         self._fixed_bodies = [bodies.add_box(box, T) for box, T in fixed]
         self._moving = [
@@ -116,7 +120,7 @@ class CellBoxes:
     def _moving_body(self, index: int) -> tuple[int, str]:
         if index < len(self._moving):
             return self._moving[index][2], self._moving[index][0]
-        return self._arm_gripper.finger_bodies[index - len(self._moving)], "arm gripper"
+        return self._arm_gripper.finger_bodies[index - len(self._moving)], TCP
 
     def _of_boxes(self, low: Array, high: Array, fixed: tuple[Array, Array]) -> list[Touch]:
         touches: list[Touch] = []
@@ -138,9 +142,7 @@ class CellBoxes:
         touches: list[Touch] = []
         depth_mm = -part.lowest_mm
         if depth_mm > _TABLE_MM:
-            touches.append(
-                Touch(part.name, "table", "arm gripper", depth_mm, part.lowest_point_mm, _UP)
-            )
+            touches.append(Touch(part.name, "table", TCP, depth_mm, part.lowest_point_mm, _UP))
         hold = self._fixed_gripper.hold
         is_shared = hold is not None and hold.part == part.index
         low, high = part.bounds_mm
@@ -154,9 +156,7 @@ class CellBoxes:
             nearest = self._bodies.deepest(part.carried, body)
             if nearest is not None and nearest[0] < -PIECE_MM:
                 other = self._fixed_names[j]
-                touches.append(
-                    Touch(part.name, other, "arm gripper", -nearest[0], nearest[1], nearest[2])
-                )
+                touches.append(Touch(part.name, other, TCP, -nearest[0], nearest[1], nearest[2]))
         return touches
 
     def _is_in_finger(self, part: Part, body: int) -> bool:
@@ -211,7 +211,7 @@ class CellBoxes:
         end_mm = T[:3, :3] @ end + T[:3, 3]
         is_level = abs(into[2]) < np.hypot(into[0], into[1])
         if is_held or (into[2] < 0.0 and not is_level):
-            return [Touch(box.name, part.name, "arm gripper", length_mm, end_mm, -into)]
+            return [Touch(box.name, part.name, TCP, length_mm, end_mm, -into)]
         if is_level and way @ into > 0.0:
             part.slide(end_mm, way)
             self._bodies.place_part(part.falling, part.solid, part.T_world_part)
@@ -228,7 +228,7 @@ class CellBoxes:
         wake()
         if nearest[0] >= -PUSH_MM:
             return []
-        return [Touch(held.name, part.name, "arm gripper", -nearest[0], nearest[1], nearest[2])]
+        return [Touch(held.name, part.name, TCP, -nearest[0], nearest[1], nearest[2])]
 
 
 def _shrunk(box: Box, by_mm: float) -> Box:

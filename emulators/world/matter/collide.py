@@ -6,8 +6,9 @@ from typing import Final
 
 import numpy as np
 
-from ..layout import ArmLayout, Array, Box
-from ..poses import MOTOR_EFFECT, Joints, JointValues, forward, invert
+from ..layout import ArmLayout
+from ..poses import Joints, JointValues, forward, invert
+from ..shapes import Array, Box
 
 BOX_MM: Final = 0.3  # boxes may overlap by this much: servo and rounding
 PIECE_MM: Final = 1.5  # convex pieces are fatter than the part by about this
@@ -66,16 +67,8 @@ class BoxSet:
 
 
 def values_of(joints: Joints) -> JointValues:
-    """Return a copy of joint values that can be changed one at a time."""
-    return JointValues(
-        joints.shoulder_rad,
-        joints.elbow_rad,
-        joints.yaw_rad,
-        joints.zed_mm,
-        joints.pitch_rad,
-        joints.roll_rad,
-        joints.jaw_opening_mm,
-    )
+    """Return a copy of joint values, which stays as it is while the arm goes on."""
+    return JointValues(tuple(joints.q), joints.jaw_opening_mm)
 
 
 class Stall:
@@ -104,32 +97,18 @@ class Stall:
                 self._obstruct(motor, direction, False)
             self._blocked.clear()
             return
-        moved = _motor_steps(before, now)
+        chain = self._arm.chain
+        moved = chain.motor_steps(np.subtract(now.q, before.q))
         here = forward(self._arm, now)
         for touch in touches:
-            for motor, step in moved.items():
+            local = invert(here[touch.frame]) @ np.append(touch.point_mm, 1.0)
+            for (motor, step), effect in zip(moved.items(), chain.effect.T, strict=True):
                 if abs(step) < 1e-9:
                     continue
                 direction = 1 if step > 0.0 else -1
-                effect = {
-                    name: getattr(now, name) + share * _STEP * direction
-                    for name, share in MOTOR_EFFECT[motor].items()
-                }
-                T = forward(self._arm, replace(now, **effect))[touch.frame]
-                local = invert(here[touch.frame]) @ np.append(touch.point_mm, 1.0)
+                q = tuple(np.asarray(now.q) + _STEP * direction * effect)
+                T = forward(self._arm, replace(now, q=q))[touch.frame]
                 way = (T @ local)[:3] - touch.point_mm
                 if way @ touch.normal < -0.05 * np.linalg.norm(way) - 1e-12:
                     self._obstruct(motor, direction, True)
                     self._blocked.add((motor, direction))
-
-
-def _motor_steps(before: JointValues, now: JointValues) -> dict[str, float]:
-    pitch, roll = now.pitch_rad - before.pitch_rad, now.roll_rad - before.roll_rad
-    return {
-        "shoulder": now.shoulder_rad - before.shoulder_rad,
-        "elbow": now.elbow_rad - before.elbow_rad,
-        "yaw": now.yaw_rad - before.yaw_rad,
-        "zed": now.zed_mm - before.zed_mm,
-        "wrist1": pitch + roll,
-        "wrist2": pitch - roll,
-    }

@@ -12,8 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from ..layout import Array, Box, GripperLayout
+from ..layout import GripperLayout
 from ..poses import between, invert, rotation_about, rotation_angle
+from ..shapes import Array, Box
 from .pads import Felt, Pads, Seat
 
 CAPTURE_MM: Final = 1.5  # both exact gaps below this: the pads are on the part

@@ -10,8 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..layout import Array, Fingers
+from ..layout import Fingers
 from ..poses import invert
+from ..shapes import Array
 
 _GRID_MM: Final = 1.0  # pitch of the height field; on a radius of 30 mm it misses 4 um of the crest
 _BACK_MM: Final = 2.0  # rays start behind the pad's face, where a part that is pressed in would be

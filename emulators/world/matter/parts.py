@@ -6,8 +6,8 @@ from typing import Any, Final
 import fcl
 import numpy as np
 
-from ..layout import Array, Box
 from ..poses import transform, turn_z
+from ..shapes import Array, Box
 from .solid import Solid, upright
 
 AWAY: Final = "away"

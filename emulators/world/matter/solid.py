@@ -21,8 +21,9 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from ..layout import MM_PER_M, Array, LayoutError
+from ..layout import MM_PER_M, LayoutError
 from ..poses import invert, transform, turn_z
+from ..shapes import Array
 from . import _decompose
 from .engine import load_engine
 

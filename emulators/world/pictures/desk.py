@@ -19,7 +19,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..layout import Array
+from ..shapes import Array
 from .geometry import Scene, Surface
 from .sensor import Exposure
 from .worker import Order, Picture, Standpoint, work

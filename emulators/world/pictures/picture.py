@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from ..layout import Array
 from ..matter.solid import ray_scene
+from ..shapes import Array
 from .caster import Caster
 from .geometry import (
     PAINTED,

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..layout import Array
+from ..shapes import Array
 from .geometry import Array32, Scene, Surface
 from .picture import Changes, Eye
 from .sensor import Exposure, blurred, develop

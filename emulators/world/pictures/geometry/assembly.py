@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from ...layout import Array
 from ...matter.solid import ray_scene
 from ...poses import transform
+from ...shapes import Array
 from .edges import Edges
 from .scene import Scene, Surface
 

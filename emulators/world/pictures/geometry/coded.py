@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...layout import Array
+from ...shapes import Array
 from .scene import INK, MATERIALS, Surface, corner_normals, join_surfaces
 
 _INK: Final = MATERIALS.index(INK)

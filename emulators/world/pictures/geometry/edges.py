@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...layout import Array, CameraLayout
+from ...layout import CameraLayout
 from ...poses import invert, transform
+from ...shapes import Array
 from .optics import distort
 from .scene import CREASE_COS, Surface
 

@@ -5,8 +5,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...layout import Array, CameraLayout
+from ...layout import CameraLayout
 from ...poses import invert, transform
+from ...shapes import Array
 
 Array32 = NDArray[np.float32]
 

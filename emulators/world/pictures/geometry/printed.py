@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from ...boards import Board, Print
-from ...layout import Array
 from ...poses import transform
+from ...shapes import Array
 from .scene import INK, MATERIALS, PAPER, Faces, Surface, corner_normals
 
 _PAPER: Final = MATERIALS.index(PAPER)

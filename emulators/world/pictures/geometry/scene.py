@@ -11,9 +11,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...layout import Array, Box, CameraLayout, LampLayout, Layout
+from ...chain import TCP
+from ...layout import CameraLayout, LampLayout, Layout
 from ...matter.grasp import make_gripper
 from ...matter.solid import Solid
+from ...shapes import Array, Box
 
 Faces = NDArray[np.int32]
 
@@ -108,8 +110,9 @@ def build_scene(layout: Layout, solids: Sequence[Solid], finish_seed: int | None
     """
     lamps = tuple(layout.lamps.values())
     fixed, owner_boxes, owner = _fixed(layout, lamps)
-    moving = [_boxes(name, (box,), 1) for name, box in _links(layout)]
-    moving.append(_boxes("arm gripper", layout.arm.gripper.boxes, 1))
+    links = layout.arm.chain.links
+    moving = [_boxes(link.name, link.boxes, 1) for link in links if link.boxes]
+    moving.append(_boxes(TCP, layout.arm.gripper.boxes, 1))
     for name, gripper in (("arm", layout.arm.gripper), ("fixture", layout.fixed_gripper)):
         for box in make_gripper(name, gripper, gripper.jaw_max_mm).finger_boxes:
             moving.append(_boxes(box.name, (box,), 2))
@@ -149,11 +152,6 @@ def panel_frame(lamp: LampLayout) -> Array:
     T[:3, 0] = np.cross(lamp.up, lamp.normal)
     T[:3, 3] = lamp.centre_mm
     return T
-
-
-def _links(layout: Layout) -> tuple[tuple[str, Box], ...]:
-    arm = layout.arm
-    return (("carriage", arm.carriage), ("upper", arm.upper), ("fore", arm.fore))
 
 
 def _fixed(

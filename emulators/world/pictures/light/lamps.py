@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...layout import Array
+from ...shapes import Array
 from ..geometry import Array32, Scene, panel_frame
 
 PANEL_SPILL: Final = 0.04  # share of a louvred panel's light that reaches objects before it

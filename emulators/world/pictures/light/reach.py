@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...layout import Array, CameraLayout
+from ...layout import CameraLayout
+from ...shapes import Array
 from ..geometry import Mover, project
 from .lamps import Lamps
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from ...layout import Array
 from ...matter.solid import ray_scene
+from ...shapes import Array
 from ..geometry import Array32, Surface
 
 Index = NDArray[np.intp]

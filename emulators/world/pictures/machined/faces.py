@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ...layout import Array
+from ...shapes import Array
 from ..geometry import Surface
 
 _FLAT_COS: Final = 1.0 - 1e-5  # facets of one plane, 0.26 degrees

@@ -14,7 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...layout import Array, CameraLayout
+from ...layout import CameraLayout
+from ...shapes import Array
 from ..caster import Caster
 from ..geometry import MACHINED_PART, Array32, Assembly, Mover, RayTable
 from ..light import LIFT_MM, Index, Lamps, Mask, Reach, Spots, cast_shadows, chunks, fill

@@ -10,7 +10,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from ...layout import Array
+from ...shapes import Array
 from ..geometry import Array32
 
 _SIDE: Final = 1024

@@ -1,0 +1,6 @@
+"""The arms that can be emulated, each as a chain of links made from its lengths."""
+
+from .made import MadeShape
+from .umi import UmiShape
+
+__all__ = ["MadeShape", "UmiShape"]
