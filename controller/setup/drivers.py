@@ -123,7 +123,10 @@ def describe_arm(name: str, given: Mapping[str, Any]) -> ArmDescription[Any]:
     """
     driver = find_driver("arm", name)
     if not isinstance(driver, ArmDriver):
-        raise ConfigError(f"arm driver `{name}` does not say how its arm is built (`ArmDriver`)")
+        raise ConfigError(
+            f"`arm.shape`: arm driver `{name}` does not say how its arm is built (`ArmDriver`); "
+            "`devices.arm.driver` names the driver of the arm that this describes"
+        )
     shape = _checked(driver.shape, given, "arm.shape")
     try:
         described = driver.describe(shape)
@@ -182,9 +185,16 @@ def require_drivers(path: Path, cell: Cell) -> None:
         section = getattr(cell.devices, name)
         with _at_line(path, ("devices", name)):
             read_settings(find_driver(kind, section.driver), section.settings, f"devices.{name}")
+    arm = cell.devices.arm.driver
     if isinstance(cell.arm, OtherArmSection):
         with _at_line(path, ("arm", "shape")):
-            describe_arm(cell.devices.arm.driver, cell.arm.shape)
+            describe_arm(arm, cell.arm.shape)
+    elif isinstance(find_driver("arm", arm), ArmDriver):
+        with _at_line(path, ("arm",)):
+            raise ConfigError(
+                f"`arm.shape` is missing, by which the driver `{arm}` describes its arm; the keys "
+                "here describe a UMI RTX"
+            )
 
 
 def require_force(path: Path, force_n: float, cell: Cell) -> None:

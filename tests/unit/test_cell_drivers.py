@@ -332,6 +332,18 @@ def test_a_driver_that_knows_no_shape_is_named(six_axis_file: CellFile) -> None:
 
 
 @pytest.mark.usefixtures("six_axis")
+def test_the_keys_of_a_umi_rtx_describe_no_other_drivers_arm(tmp_path: Path) -> None:
+    path = tmp_path / "cell.yaml"
+    text = EMULATED_CELL.read_text()
+    own = next(line for line in text.splitlines() if line.startswith("  arm:"))
+    path.write_text(text.replace(own, "  arm: {driver: six_axis, address: here}"))
+    with pytest.raises(ConfigError) as raised:
+        require_drivers(path, load_cell(path))
+    line = path.read_text().splitlines().index("arm:") + 1
+    assert str(raised.value).startswith(f"{path}:{line}: `arm.shape` is missing")
+
+
+@pytest.mark.usefixtures("six_axis")
 def test_an_emulated_cell_with_another_arm_is_refused_with_the_reason(
     six_axis_file: CellFile, capsys: pytest.CaptureFixture[str]
 ) -> None:
