@@ -14,13 +14,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-import numpy as np
-
 from controller.cell.devices import DeviceBuilder, polling_of, resolve
 from controller.cell.devices.clocks import FoundClock, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.config import EMULATED, Cell, ConfigError, load_cell
 from controller.config.interlock_rules import SIGNALS
+from controller.planning.motion import slides
 from controller.setup.drivers import KIND_OF, require_drivers
 from controller.setup.layout import build_layout
 from drivers.clock import CellClock
@@ -414,12 +413,9 @@ def _facts(cell: Cell, name: str, kind: str) -> dict[str, Any]:
         }
     if kind == "arm":
         layout = build_layout(cell)
-        q = layout.park_q
-        turned = layout.arm.forward(q + 0.1 * np.eye(len(q)))[:, :3, :3]
-        straight = layout.arm.forward(q)[:3, :3]
         return {
-            "park_q": q,
-            "slides": np.isclose(turned, straight, atol=1e-9).all(axis=(1, 2)),
+            "park_q": layout.park_q,
+            "slides": slides(layout.arm),
             "within_limits": layout.arm.within_limits,
         }
     return {}

@@ -1,7 +1,7 @@
 """Reach, contacts and paths of the arm, from one configuration to another."""
 
 from ..geometry import PartShape, PlacedShape
-from ._kinematics import inverse_rows, link_boxes, passed_limit, shown_pose, tcp_pose
+from ._kinematics import inverse_rows, link_boxes, passed_limit, shown_pose, slides, tcp_pose
 from ._lines import fewest_waypoints, same_branch
 from ._paths import connect, path_free
 from .scene import Scene
@@ -31,6 +31,7 @@ __all__ = [
     "segment_seconds",
     "segment_tube",
     "shown_pose",
+    "slides",
     "tcp_pose",
     "travel_seconds",
 ]

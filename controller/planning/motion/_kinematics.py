@@ -8,7 +8,12 @@ from controller.arrays import FloatArray, IntArray
 from controller.imaging import inverse_pose
 
 from ..geometry import stack
-from ..model import CellLayout
+from ..model import ArmModel, CellLayout
+
+
+def slides(arm: ArmModel) -> tuple[bool, ...]:
+    """Return, per joint, whether it is linear [mm] by its name; the others turn [rad]."""
+    return tuple(name.endswith("_mm") for name in arm.joint_names)
 
 
 def inverse_rows(

@@ -10,11 +10,11 @@ from controller.commissioning.kinematics import KinematicsError, board_pose, pla
 from controller.commissioning.showing import ShowingRegion
 from controller.imaging import inverse_pose, rotation_angle
 from controller.planning.model import JOINT_COUNT
+from controller.planning.motion import slides
 
 from ..bench import Bench
 from ..boards import PlateInJaws
 from ..errors import StepFailedError
-from ..jogging.goals import slides
 
 REGION: Final = ShowingRegion(550.0, 850.0)  # distance from the inspection camera [mm]
 MARGIN_MM: Final = 25.0

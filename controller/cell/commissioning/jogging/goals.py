@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from controller.arrays import FloatArray
 from controller.planning.model import JOINT_COUNT, ArmModel, CellLayout
-from controller.planning.motion import END_MARGIN_MM, Scene, path_free, tcp_pose
+from controller.planning.motion import END_MARGIN_MM, Scene, path_free, slides, tcp_pose
 
 from ...errors import CellError
 
@@ -32,14 +32,6 @@ _LOOKS: Final = np.linspace(0.0, 1.0, 9)
 
 class RefusedMotionError(CellError):
     """A refused motion: soft limit, contact, or no configuration near by."""
-
-
-def slides(arm: ArmModel) -> tuple[bool, ...]:
-    """Return, per joint, whether it is linear [mm]: it turns nothing."""
-    middle = arm.spread(np.full((1, JOINT_COUNT), 0.5))[0]
-    rows = middle + 0.1 * np.eye(JOINT_COUNT)
-    turned = arm.forward(rows)[:, :3, :3] - arm.forward(middle)[:3, :3]
-    return tuple(bool(np.abs(one).max() < 1e-9) for one in turned)
 
 
 def turned_joint(arm: ArmModel, q: FloatArray, number: int, by: float) -> FloatArray:

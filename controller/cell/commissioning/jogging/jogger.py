@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.planning.motion import Scene, tcp_pose
+from controller.planning.motion import Scene, slides, tcp_pose
 from drivers.errors import DeviceError
 from drivers.kinds import Encoders, FirstContact, Stop
 
@@ -26,7 +26,6 @@ from .goals import (
     near_by,
     require_free,
     shifted,
-    slides,
     turned,
     turned_joint,
 )
