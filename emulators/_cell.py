@@ -31,10 +31,10 @@ from emulators.modbus import (
     RtuPtyServer,
     Steppable,
     TcpGateway,
-    TcpListener,
     TcpServer,
 )
 from emulators.reaping import reap
+from emulators.tcp_listener import TcpListener
 from emulators.umi_scara import ArmModel, ArmServer, ArmWire, Axis
 from emulators.world import (
     MAX_REST_OFF_RAD,

@@ -9,19 +9,26 @@ import contextlib
 import json
 import socket
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, Protocol
 
-from emulators.faults import Verbs
 from emulators.owned import bind_owned
 
 LINE_BYTES: Final = 4 << 20  # a script of the most steps fits in it
 TOO_LONG: Final = {"ok": False, "error": f"a line has {LINE_BYTES >> 20} MiB at most"}
 
 
-class ControlPort:
-    """Serves a cell's verbs on a unix socket of the owner's alone."""
+class Obedient(Protocol):
+    """Whoever carries the verbs out."""
 
-    def __init__(self, verbs: Verbs, path: Path) -> None:
+    def obey(self, line: bytes) -> dict[str, Any]:
+        """Carry out one line of JSON and return its answer."""
+        ...
+
+
+class ControlPort:
+    """Serves verbs on a unix socket of the owner's alone."""
+
+    def __init__(self, verbs: Obedient, path: Path) -> None:
         self._verbs, self._path = verbs, path
         self._server: asyncio.Server | None = None
         self._clients: set[asyncio.StreamWriter] = set()

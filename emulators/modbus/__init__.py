@@ -30,7 +30,7 @@ from .framing import (
     frame_gap_s,
     request_length,
 )
-from .servers import RtuOverTcpServer, RtuPtyServer, TcpGateway, TcpListener, TcpServer
+from .servers import RtuOverTcpServer, RtuPtyServer, TcpGateway, TcpServer
 
 __all__ = [
     "COIL_OFF",
@@ -55,7 +55,6 @@ __all__ = [
     "Steppable",
     "Stepper",
     "TcpGateway",
-    "TcpListener",
     "TcpServer",
     "WireFaults",
     "characters_s",
