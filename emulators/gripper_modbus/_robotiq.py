@@ -199,6 +199,11 @@ class RobotiqDevice:
             self._deactivate()
         self._obey()
 
+    @property
+    def written(self) -> bytes:
+        """The first six output bytes (§2.2) as they stand."""
+        return struct.pack(">3H", *self._output[:3])
+
     # --- the firmware ---------------------------------------------------------------------------
 
     @property

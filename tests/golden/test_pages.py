@@ -50,3 +50,16 @@ def test_every_frame_of_an_arm_session_stands_in_its_section() -> None:
                     missing.append((session["section"], way, exchange[way]))
     assert count > 250
     assert not missing
+
+
+def test_every_frame_of_a_ur_session_stands_on_its_page() -> None:
+    page = printed((PAGES / "universal_robots.md").read_text(encoding="utf-8"))
+    frames = [
+        frame
+        for session in golden("universal_robots")["session"]
+        for exchange in session["exchange"]
+        for frame in exchange.values()
+        if frame
+    ] + [session["data"] for session in golden("universal_robots")["session"] if "data" in session]
+    assert len(frames) > 30
+    assert not [frame for frame in frames if frame not in page]
