@@ -22,7 +22,7 @@ from emulators.control_port import ControlPort
 from emulators.gripper_modbus import RobotiqDevice
 from emulators.modbus import Stepper
 
-from ._facts import MODELS, software_of
+from ._facts import MODELS, Software, software_of
 from ._model import UrArm
 from ._server import STANDARD_PORTS, Ports, UrServer
 from ._verbs import UrVerbs
@@ -47,7 +47,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--software",
-        default="5.11.1",
+        default=Software().text,
         help="version of the controller, which decides on the layout of some packets",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of where the arm stands")

@@ -1,8 +1,8 @@
-"""Clients that nobody here wrote drive the emulated UR controller: ur_rtde and urx.
+"""Clients that nobody here wrote drive the emulated UR controller: ur_rtde, urx and pyRobotiqUR.
 
 They need an environment of their own, which `CELLCTL_UR_CLIENTS` names by its Python:
-`python -m venv E && E/bin/pip install ur_rtde urx`. Their ports are fixed, so that each arm has an
-address of its own.
+`python -m venv E && E/bin/pip install ur_rtde urx pyrobotiqur`. Their ports are fixed, so
+that each arm has an address of its own.
 """
 
 import json
@@ -24,7 +24,7 @@ PATIENCE_WALL_S = 180.0
 def missing(module: str) -> str:
     """Return why a stranger cannot be tried, empty if it can."""
     if not PYTHON:
-        return "a Python with ur_rtde and urx (CELLCTL_UR_CLIENTS)"
+        return f"a Python with {module} (CELLCTL_UR_CLIENTS)"
     found = subprocess.run([PYTHON, "-c", f"import {module}"], capture_output=True, check=False)
     return "" if found.returncode == 0 else f"{module} in {PYTHON}"
 
@@ -154,3 +154,25 @@ def test_urx_moves_the_arm_by_joints_and_by_poses() -> None:
     assert_allclose(found["reached"], (0.3, -1.4, 1.4, -1.5, -1.4, 0.2), atol=2e-3)
     assert_allclose(found["lifted"], found["pose"], atol=2e-3)
     assert_allclose(found["realtime"], found["joints"], atol=1e-6)
+
+
+@needs("pyrobotiqur")
+def test_pyrobotiqur_activates_closes_and_opens_the_gripper() -> None:
+    with served("127.0.78.3", "--running"):
+        found = told(
+            """
+            import json
+            from pyrobotiqur import RobotiqGripper
+
+            gripper = RobotiqGripper("127.0.78.3")
+            gripper.connect()
+            gripper.reset()
+            gripper.activate()
+            status, fault = int(gripper.get_status()), gripper.get_fault()
+            closed, seen = gripper.close()
+            opened, _ = gripper.open()
+            print(json.dumps([status, fault, closed, int(seen), opened]))
+            """
+        )
+    # active, no fault, closed with nothing between, open: modbus_devices.md 2.3 to 2.5
+    assert found == [3, 0, 230, 3, 3]
