@@ -10,7 +10,7 @@ Sections (§) are those of universal_robots.md.
 import math
 import random
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -20,7 +20,7 @@ from emulators.gripper_modbus import MAX_FORCE_N, RobotiqDevice
 from ._facts import CYCLE_S, JOINT_COUNT, JOINTS, UR5E, Joints6, UrFacts
 from ._kinematics import flange_pose, inverse, jacobian, pose_of, pose_vector
 from ._modes import EMERGENCY, RobotMode, RuntimeState, SafetyMode
-from ._motion import LARGEST_ACCELERATION_RAD_PER_S2, ZERO, JointMove, Ramp, Sample
+from ._motion import LARGEST_ACCELERATION_RAD_PER_S2, ZERO, JointMove, Sample, Trajectory
 from ._script import (
     MoveJ,
     Pose,
@@ -114,7 +114,6 @@ class UrArm:
 
     Attributes
     ----------
-    target : set-points of the joints
     q_rad, qd_rad_per_s : (6,) what the encoders read, which follows the set-points with a lag
     digital_inputs, digital_outputs : bits as on the wires: 0 to 7 standard, 8 to 15 configurable,
         16 and 17 the tool's
@@ -137,8 +136,8 @@ class UrArm:
         self.facts, self.gripper, self.errors = facts, gripper, errors
         rng = random.Random(seed)
         drawn = [q + rng.uniform(-START_SPREAD_RAD, START_SPREAD_RAD) for q in START_RAD]
-        self.target = Sample(_six(drawn), ZERO, ZERO)
-        self.q_rad: Joints6 = self.target.q
+        self._path = Trajectory(_six(drawn))
+        self.q_rad: Joints6 = self._path.target.q
         self.qd_rad_per_s: Joints6 = ZERO
         self.robot_mode = RobotMode.POWER_OFF
         self.safety_mode = SafetyMode.NORMAL
@@ -162,11 +161,8 @@ class UrArm:
         self.on_message: list[Callable[[Message], None]] = []
         self._state = RuntimeState.STOPPED
         self._left: list[tuple[int, Statement]] = []
-        self._given_move = (0.0, 0.0, 0.0)
+        self._given_move: MoveJ | None = None
         self.line = 0
-        self._move: JointMove | None = None
-        self._ramp: Ramp | None = None
-        self._elapsed_s = 0.0  # on the ramp or the path, or of a sleep
         self._wakes_in_s = 0.0
         self._mode_in_s = 0.0
         self._mode_goal = RobotMode.POWER_OFF
@@ -175,6 +171,11 @@ class UrArm:
         self._barriers: dict[tuple[int, int], float] = {}
         self._open_contacts: set[str] = set()
         self._power_gripper()
+
+    @property
+    def target(self) -> Sample:
+        """The set-points of the joints."""
+        return self._path.target
 
     # --- the world's side -----------------------------------------------------------------------
 
@@ -215,7 +216,7 @@ class UrArm:
 
     def place(self, q_rad: Sequence[float]) -> None:
         """Move the joints by hand, motors at rest; absolute encoders know it (6,) [rad]."""
-        self.target = Sample(_six(q_rad), ZERO, ZERO)
+        self._path.rest_at(_six(q_rad))
         self.q_rad, self.qd_rad_per_s = self.target.q, ZERO
 
     def obstruct(self, joint: int | str, direction: int, blocked: bool) -> None:
@@ -267,7 +268,7 @@ class UrArm:
             SafetyMode.ROBOT_EMERGENCY_STOP if is_own else SafetyMode.SYSTEM_EMERGENCY_STOP
         )
         self._end_program()
-        self._slow_down(PROTECTIVE_RAD_PER_S2)
+        self._path.slow_down(PROTECTIVE_RAD_PER_S2)
 
     def press_estop(self) -> None:
         """Push the emergency stop in."""
@@ -284,14 +285,14 @@ class UrArm:
         self.safety_mode = SafetyMode.PROTECTIVE_STOP
         self.stop_cause, self._stopped_s = cause, 0.0
         self._pause()
-        self._slow_down(PROTECTIVE_RAD_PER_S2)
+        self._path.slow_down(PROTECTIVE_RAD_PER_S2)
 
     def safeguard_stop(self, *, is_open: bool) -> None:
         """Open or close the safeguard input; the program stays paused when it is closed again."""
         if is_open and self.safety_mode is SafetyMode.NORMAL:
             self.safety_mode = SafetyMode.SAFEGUARD_STOP
             self._pause()
-            self._slow_down(STOP_RAD_PER_S2)
+            self._path.slow_down(STOP_RAD_PER_S2)
         elif not is_open and self.safety_mode is SafetyMode.SAFEGUARD_STOP:
             self.safety_mode = SafetyMode.NORMAL
 
@@ -370,9 +371,9 @@ class UrArm:
     @property
     def runtime_state(self) -> RuntimeState:
         """The state of the program."""
-        if self._state is RuntimeState.PAUSED and self._ramp is not None:
+        if self._state is RuntimeState.PAUSED and self._path.is_ramping:
             return RuntimeState.PAUSING
-        if self._state is RuntimeState.STOPPED and self._ramp is not None:
+        if self._state is RuntimeState.STOPPED and self._path.is_ramping:
             return RuntimeState.STOPPING
         return self._state
 
@@ -398,12 +399,12 @@ class UrArm:
             return ""
         self._left = list(program.steps)
         self.program_name = program.name
-        self._move, self._wakes_in_s = None, 0.0
+        self._wakes_in_s = 0.0
         self._state = RuntimeState.PLAYING
         if self._left and isinstance(self._left[0][1], StopJ):
             self._begin(self._left.pop(0))
         else:
-            self._slow_down(STOP_RAD_PER_S2)
+            self._path.slow_down(STOP_RAD_PER_S2)
         return ""
 
     def play(self) -> bool:
@@ -419,7 +420,7 @@ class UrArm:
         if self._state is not RuntimeState.PLAYING:
             return False
         self._pause()
-        self._slow_down(STOP_RAD_PER_S2)
+        self._path.slow_down(STOP_RAD_PER_S2)
         return True
 
     def stop_program(self) -> bool:
@@ -427,7 +428,7 @@ class UrArm:
         if self._state is RuntimeState.STOPPED:
             return False
         self._end_program()
-        self._slow_down(STOP_RAD_PER_S2)
+        self._path.slow_down(STOP_RAD_PER_S2)
         return True
 
     def say(self, message: Message) -> None:
@@ -439,24 +440,19 @@ class UrArm:
         if self._state is not RuntimeState.PLAYING:
             return
         self._state = RuntimeState.PAUSED
-        if self._move is not None:  # what is left of it begins at rest
-            self._left.insert(0, (self.line, MoveJ(self._move.goal, *self._given_move)))
-            self._move = None
+        if self._path.is_moving and self._given_move is not None:  # its rest begins at rest
+            rest = replace(self._given_move, goal=self._path.goal)
+            self._left.insert(0, (self.line, rest))
 
     def _end_program(self) -> None:
         self._state = RuntimeState.STOPPED
-        self._left, self._move, self._wakes_in_s = [], None, 0.0
+        self._left, self._wakes_in_s = [], 0.0
 
     def _fail(self, text: str) -> None:
         """End the program by an error of its own."""
         self._end_program()
-        self._slow_down(STOP_RAD_PER_S2)
+        self._path.slow_down(STOP_RAD_PER_S2)
         self.say(Message(text, line=self.line, column=1))
-
-    def _slow_down(self, deceleration_rad_per_s2: float) -> None:
-        if any(self.target.qd):
-            self._ramp = Ramp(self.target, deceleration_rad_per_s2)
-            self._elapsed_s = 0.0
 
     # --- one control cycle ------------------------------------------------------------------------
 
@@ -471,8 +467,8 @@ class UrArm:
             step = SLIDER_RATE_PER_S * CYCLE_S
             change = max(-step, min(step, self.slider - self.speed_scaling))
             self.speed_scaling += change
-        if self._ramp is not None:
-            self._run_down(self._ramp)
+        if self._path.is_ramping:
+            self._take(self._path.step(CYCLE_S, 1.0))
         elif self._state is RuntimeState.PLAYING:
             self._run_program()
         if self.q_rad != self.target.q or any(self.qd_rad_per_s):
@@ -481,7 +477,7 @@ class UrArm:
             listener()
 
     def _pass_mode(self) -> None:
-        if self.safety_mode in EMERGENCY and self._ramp is None:
+        if self.safety_mode in EMERGENCY and not self._path.is_ramping:
             self._drop_power()
         if self._mode_in_s <= 0.0:
             return
@@ -503,9 +499,8 @@ class UrArm:
     def _drop_power(self) -> None:
         if self.robot_mode is not RobotMode.POWER_OFF or self._mode_in_s:
             self._go_to_mode(RobotMode.POWER_OFF, RobotMode.POWER_OFF, 0.0)
-            self.target = Sample(self.q_rad, ZERO, ZERO)  # the brakes fall in
+            self._path.rest_at(self.q_rad)  # the brakes fall in
             self.qd_rad_per_s = ZERO
-            self._ramp = None
             self._power_gripper()
 
     def _power_gripper(self) -> None:
@@ -513,28 +508,14 @@ class UrArm:
         if self.gripper is not None:
             self.gripper.is_powered = self.robot_mode in (RobotMode.IDLE, RobotMode.RUNNING)
 
-    def _run_down(self, ramp: Ramp) -> None:
-        self._elapsed_s += CYCLE_S
-        self._set_target(ramp.at(self._elapsed_s))
-        if self._elapsed_s >= ramp.duration_s:
-            self._ramp = None
-
     def _run_program(self) -> None:
-        move = self._move
-        if move is not None:
-            self._elapsed_s += CYCLE_S * self.speed_scaling
-            sample = move.at(self._elapsed_s)
-            factor = self.speed_scaling
-            if factor != 1.0:
-                sample = Sample(
-                    sample.q,
-                    _six([qd * factor for qd in sample.qd]),
-                    _six([qdd * factor**2 for qdd in sample.qdd]),
-                )
-            self._set_target(sample)
-            if self._move is None or self._elapsed_s < move.duration_s:
-                return  # under way, or stopped by an obstacle
-            self._move = None
+        if self._path.is_moving:
+            self._take(self._path.step(CYCLE_S, self.speed_scaling))
+            if self._state is not RuntimeState.PLAYING:
+                return  # stopped by an obstacle
+            if self._path.is_moving:
+                self._blend()
+                return
         elif self._wakes_in_s > 0.0:
             self._wakes_in_s -= CYCLE_S
             return
@@ -543,13 +524,33 @@ class UrArm:
         else:
             self._end_program()
 
+    def _blend(self) -> None:
+        """Begin the next move within the blend radius of the present one's goal."""
+        radius_m = 0.0 if self._given_move is None else self._given_move.blend_m
+        if radius_m == 0.0 or not self._left:
+            return
+        line, following = self._left[0]
+        if not isinstance(following, MoveJ):
+            return
+        here, there = (self.tcp_pose(q)[:3] for q in (self.target.q, self._path.goal))
+        if math.dist(here, there) > radius_m:
+            return
+        goal = self._goal_of(following, self._path.goal)
+        if isinstance(goal, str):
+            return  # fails when its turn comes
+        move = self._joint_move(following, self._path.goal, goal)
+        if self._path.may_blend_into(move):
+            self._left.pop(0)
+            self.line, self._given_move = line, following
+            self._path.begin(move)
+
     def _begin(self, step: tuple[int, Statement]) -> None:
         self.line, statement = step
         match statement:
             case MoveJ():
                 self._begin_move(statement)
             case StopJ(deceleration_rad_per_s2=deceleration):
-                self._slow_down(min(deceleration, LARGEST_ACCELERATION_RAD_PER_S2))
+                self._path.slow_down(min(deceleration, LARGEST_ACCELERATION_RAD_PER_S2))
             case Sleep(duration_s=duration_s):
                 self._wakes_in_s = duration_s
             case SetOutput(number=number, is_on=is_on):
@@ -562,28 +563,36 @@ class UrArm:
                 self.say(Message(text))
 
     def _begin_move(self, move: MoveJ) -> None:
+        goal = self._goal_of(move, self.target.q)
+        if isinstance(goal, str):
+            self._fail(goal)
+            return
+        self._given_move = move
+        self._path.begin(self._joint_move(move, self.target.q, goal))
+
+    def _goal_of(self, move: MoveJ, near_rad: Joints6) -> Joints6 | str:
+        """Return the joints at a move's goal, or why there are none."""
         goal = move.goal
         if isinstance(goal, Pose):
             T_base_flange = pose_of(goal.values) @ np.linalg.inv(self.T_flange_tcp)
-            reached = inverse(self.facts, T_base_flange, self.target.q)
+            reached = inverse(self.facts, T_base_flange, near_rad)
             if not reached:
-                self._fail(f"inverse_kinematics_no_solution:p{list(goal.values)}:")
-                return
-            goal = reached[0]
+                return f"inverse_kinematics_no_solution:p{list(goal.values)}:"
+            return reached[0]
         for name, q, limit in zip(JOINTS, goal, self.facts.limits_rad, strict=True):
             if abs(q) > limit:
-                self._fail(f"joint_position_out_of_limits:{name}={q:.4f}:")
-                return
-        self._given_move = (move.acceleration_rad_per_s2, move.speed_rad_per_s, move.duration_s)
-        self._move = JointMove(
-            self.target.q,
+                return f"joint_position_out_of_limits:{name}={q:.4f}:"
+        return goal
+
+    def _joint_move(self, move: MoveJ, start: Joints6, goal: Joints6) -> JointMove:
+        return JointMove(
+            start,
             goal,
             move.speed_rad_per_s,
             min(move.acceleration_rad_per_s2, LARGEST_ACCELERATION_RAD_PER_S2),
             self.facts.speed_limits_rad_per_s,
             move.duration_s,
         )
-        self._elapsed_s = 0.0
 
     def _set_payload(self, given: SetPayload) -> None:
         if given.mass_kg > self.facts.payload_max_kg:
@@ -600,15 +609,14 @@ class UrArm:
         bit = 1 << number
         self.digital_outputs = self.digital_outputs | bit if is_on else self.digital_outputs & ~bit
 
-    def _set_target(self, sample: Sample) -> None:
+    def _take(self, sample: Sample) -> None:
         """Take over set-points, unless one lies behind an obstacle."""
         for (joint, direction), at in self._barriers.items():
             if (sample.q[joint] - at) * direction > 0.0 and sample.qd[joint] * direction > 0.0:
-                self.target = Sample(self.q_rad, ZERO, ZERO)
-                self._ramp = None
                 self.protective_stop(f"contact of {JOINTS[joint]}")
+                self._path.rest_at(self.q_rad)
                 return
-        self.target = sample
+        self._path.target = sample
 
     def _follow(self) -> None:
         """Let the joints follow their set-points with the servo's lag."""

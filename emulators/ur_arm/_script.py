@@ -7,7 +7,7 @@ Sections (§) are those of universal_robots.md.
 """
 
 import ast
-import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -15,6 +15,10 @@ from typing import Any, Final
 from ._facts import Joints6
 
 PROGRAM_BYTES_MAX: Final = 1 << 20
+# No angle, length, time, speed or acceleration of an arm is larger than this or, where it has to be
+# above zero, smaller; beyond, floats overflow or vanish. Any unit.
+LARGEST: Final = 1e6
+SMALLEST: Final = 1e-6
 _OPENING: Final = ("def", "sec", "thread", "if", "while", "for")
 DEFAULT_ACCELERATION_RAD_PER_S2: Final = 1.4  # of movej, §5.2
 DEFAULT_SPEED_RAD_PER_S: Final = 1.05  # of movej, §5.2
@@ -49,12 +53,14 @@ class MoveJ:
     ----------
     goal : joint positions [rad] or the pose of the TCP
     duration_s : 0 where speed and acceleration count
+    blend_m : how near to the goal a next move may begin; 0: the arm stops there
     """
 
     goal: Joints6 | Pose
     acceleration_rad_per_s2: float
     speed_rad_per_s: float
     duration_s: float
+    blend_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +198,9 @@ def _program(lines: list[str]) -> Program:
 
 def _statement(text: str, line: int) -> Statement:
     try:
-        tree = ast.parse(text, mode="exec").body
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a script's odd escapes are no concern of Python's
+            tree = ast.parse(text, mode="exec").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise ScriptError(line, 1, f"syntax_error_on_line:{line}:{text:.200}:") from error
     if len(tree) != 1:
@@ -273,25 +281,22 @@ def _value(node: ast.expr, line: int) -> Any:  # noqa: ANN401  (a literal of the
     raise ScriptError(line, 1, f"syntax_error_on_line:{line}:{ast.unparse(node):.200}:")
 
 
-def _number(value: object, name: str, line: int, least: float, most: float = math.inf) -> float:
+def _number(value: object, name: str, line: int, least: float, most: float = LARGEST) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ScriptError(line, 1, f"type_error_number_expected:{name}:")
-    if not (math.isfinite(value) and least <= value <= most):
-        raise ScriptError(line, 1, f"value_out_of_range:{name}={value:g}:")
+    if not least <= value <= most:  # a comparison takes integers of any size
+        raise ScriptError(line, 1, f"value_out_of_range:{name}={value!s:.40}:")
     return float(value)
 
 
 def _positive(value: object, name: str, line: int) -> float:
-    number = _number(value, name, line, 0.0)
-    if number == 0.0:
-        raise ScriptError(line, 1, f"value_out_of_range:{name}=0:")
-    return number
+    return _number(value, name, line, SMALLEST)
 
 
 def _numbers(value: object, count: int, name: str, line: int) -> list[float]:
     if not isinstance(value, list) or len(value) != count:
         raise ScriptError(line, 1, f"type_error_list_of_{count}_numbers_expected:{name}:")
-    return [_number(one, name, line, -math.inf) for one in value]
+    return [_number(one, name, line, -LARGEST) for one in value]
 
 
 def _six(value: object, name: str, line: int) -> Joints6:
@@ -307,12 +312,12 @@ def _pose(value: object, name: str, line: int) -> Pose:
 
 def _movej(given: Mapping[str, Any], line: int) -> Statement:
     goal = given["q"] if isinstance(given["q"], Pose) else _six(given["q"], "q", line)
-    _number(given["r"], "r", line, 0.0)  # the arm stops at every goal, §5.2
     return MoveJ(
         goal,
         _positive(given["a"], "a", line),
         _positive(given["v"], "v", line),
         _number(given["t"], "t", line, 0.0),
+        _number(given["r"], "r", line, 0.0),
     )
 
 

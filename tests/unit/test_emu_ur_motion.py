@@ -109,6 +109,51 @@ def test_the_tcp_s_speed_is_the_change_of_its_position() -> None:
     assert_allclose(speed[:3], moved, atol=2e-3)
 
 
+CORNER = shifted(0, 1.0)
+BEHIND = [q + way for q, way in zip(CORNER, (0.0, 0.5, 0.0, 0.0, 0.0, 0.0), strict=True)]
+
+
+def around_the_corner(r: float) -> str:
+    first, second = movej(CORNER, a=1.0, v=0.5, r=r), movej(BEHIND, a=1.0, v=0.5)
+    return f"def f():\n {first}\n {second}\nend"
+
+
+@pytest.mark.parametrize(("r", "expected_s"), [(0.0, 4.0), (9.0, 3.5)])
+def test_a_blend_saves_the_time_of_one_ramp_at_most(r: float, expected_s: float) -> None:
+    arm = running_arm()
+    taken_s = time_of(arm, around_the_corner(r))
+    assert taken_s == pytest.approx(expected_s, abs=SLACK_S + 2 * CYCLE_S)
+    until(arm, lambda: is_at_rest(arm), 0.5)
+    assert_allclose(arm.q_rad, BEHIND, atol=1e-9)
+
+
+def test_a_blend_passes_the_goal_within_its_radius_and_does_not_stop_there() -> None:
+    arm = running_arm()
+    corner_m = arm.tcp_pose(tuple(CORNER))[:3]  # type: ignore[arg-type]
+    run(arm, around_the_corner(0.02))
+    nearest_m, slowest = math.inf, math.inf
+    arm.advance(1.0)
+    while arm.target.q[1] < -1.1:
+        arm.advance(CYCLE_S)
+        nearest_m = min(nearest_m, math.dist(arm.tcp_pose(arm.target.q)[:3], corner_m))
+        slowest = min(slowest, max(map(abs, arm.target.qd)))
+        assert max(map(abs, arm.target.qd)) <= 0.5 + 1e-9
+    assert 0.0 < nearest_m < 0.02
+    assert slowest > 0.1
+
+
+def test_a_pause_in_a_blend_goes_on_to_the_second_goal() -> None:
+    arm = running_arm()
+    run(arm, around_the_corner(9.0))
+    arm.advance(2.2)
+    assert arm.target.qd[0] > 0.0 < arm.target.qd[1]
+    assert arm.pause()
+    until(arm, lambda: is_at_rest(arm), 1.0)
+    assert arm.play()
+    until(arm, lambda: not arm.is_program_running and is_at_rest(arm))
+    assert_allclose(arm.q_rad, BEHIND, atol=1e-9)
+
+
 def test_half_the_slider_doubles_the_cruise() -> None:
     arm = running_arm()
     arm.slider = 0.5

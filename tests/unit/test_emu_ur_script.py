@@ -1,5 +1,7 @@
 import pytest
-from emu_ur_bench import programs
+from emu_ur_bench import programs, run, running_arm
+from hypothesis import given
+from hypothesis import strategies as st
 
 from emulators.ur_arm import Program, ScriptError, ScriptReader
 
@@ -72,6 +74,56 @@ def test_a_line_of_the_subset_is_a_program(line: str) -> None:
 )
 def test_anything_else_is_refused_by_name(line: str, text: str) -> None:
     assert refusal(line).text == text
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        f"sleep({10**400})",
+        f"sleep({'9' * 5000})",
+        f"movej({HOME}, a=1e-320)",
+        f"movej({HOME}, t=1e300)",
+        "movej(p[1e300, 0, 0, 1e300, 0, 0])",
+        "stopj(1e-300)",
+    ],
+)
+def test_numbers_that_no_arm_has_are_refused(line: str) -> None:
+    assert refusal(line).text.startswith(("value_out_of_range", "syntax_error"))
+
+
+PIECES = (
+    *("def f():\n", "sec g():\n", "while True:\n", "end\n", "\n", "movej(", "stopj(2)\n", "sleep("),
+    *("p[", "[0,-1,1,0,1,0]", ")", "]", ",", "a=", "1.2", "-", '"', "#", "\\d", "True", " ", "\0"),
+)
+SCRIPT_PIECES = st.sampled_from(PIECES)
+
+
+@given(st.lists(st.one_of(SCRIPT_PIECES.map(str.encode), st.binary(max_size=6)), max_size=40))
+def test_whatever_arrives_is_a_program_or_a_refusal(pieces: list[bytes]) -> None:
+    reader = ScriptReader()
+    for piece in pieces:
+        for found in reader.feed(piece):
+            assert isinstance(found, Program | ScriptError)
+
+
+@given(
+    st.lists(st.floats(-1e6, 1e6), min_size=6, max_size=6),
+    st.booleans(),
+    st.floats(1e-6, 1e6),
+    st.floats(1e-6, 1e6),
+    st.floats(0, 1e6),
+)
+def test_whatever_a_move_asks_for_the_joints_stay_within_their_limits(
+    goal: list[float], is_pose: bool, a: float, v: float, t: float
+) -> None:
+    arm = running_arm()
+    run(arm, f"movej({'p' * is_pose}{goal}, a={a}, v={v}, t={t})")
+    for _ in range(20):
+        arm.advance(0.05)
+        for q, limit in zip(arm.q_rad, arm.facts.limits_rad, strict=True):
+            assert abs(q) <= limit + 1e-9
+        for qd, limit in zip(arm.target.qd, arm.facts.speed_limits_rad_per_s, strict=True):
+            assert abs(qd) <= limit + 1e-9
 
 
 def test_a_def_is_one_program_up_to_its_end() -> None:

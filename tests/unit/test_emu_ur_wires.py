@@ -5,6 +5,8 @@ from itertools import pairwise
 
 import pytest
 from emu_ur_bench import run, running_arm, until
+from hypothesis import given
+from hypothesis import strategies as st
 
 from emulators.gripper_modbus import JawModel, RobotiqDevice
 from emulators.ur_arm import (
@@ -16,6 +18,7 @@ from emulators.ur_arm import (
     UrArm,
     UrcapSession,
 )
+from emulators.ur_arm.wires import BadFrameError
 
 VERSION_2 = bytes.fromhex("00 05 56 00 02")
 START = bytes.fromhex("00 03 53")
@@ -183,6 +186,44 @@ def test_the_bits_of_a_protective_stop_are_those_of_the_page() -> None:
     arm.protective_stop()
     ((_, payload),) = frames(session.due())
     assert struct.unpack(">III", payload[1:]) == (1 << 2 | 1 << 10, 0b11, 4)
+
+
+PACKAGES = st.one_of(
+    st.binary(max_size=8),
+    st.builds(frame, st.sampled_from("VvOISPUMX"), st.binary(max_size=24)),
+    st.sampled_from([VERSION_2, START, PAUSE, outputs("timestamp,actual_q"), frame("I", b"a,,")]),
+    st.builds(
+        lambda mask, share: frame("U", b"\x01" + struct.pack(">Id", mask, share)),
+        st.integers(0, 2**32 - 1),
+        st.floats(),
+    ),
+)
+
+
+@given(st.lists(PACKAGES, max_size=12))
+def test_whatever_arrives_the_controller_answers_in_whole_frames_or_hangs_up(
+    packages: list[bytes],
+) -> None:
+    arm = UrArm()
+    session = RtdeSession(arm, Software(), set())
+    session.feed(frame("I", b"speed_slider_mask,speed_slider_fraction"))
+    for package in packages:
+        try:
+            replies = session.feed(package)
+        except BadFrameError:
+            return
+        assert sum(3 + len(payload) for _, payload in frames(replies)) == len(replies)
+        frames(session.due())
+        assert 0.0 <= arm.slider <= 1.0
+
+
+@given(st.lists(st.one_of(st.binary(max_size=9), st.sampled_from([b"\n", b"SET POS ", b"GET "]))))
+def test_whatever_lines_arrive_text_comes_back(pieces: list[bytes]) -> None:
+    _, urcap = gripping_arm()
+    dashboard = DashboardSession(UrArm(), Software())
+    for piece in pieces:
+        assert all(reply for reply in urcap.feed(piece))
+        dashboard.feed(piece).decode()
 
 
 # --- the dashboard --------------------------------------------------------------------------------
