@@ -3,7 +3,7 @@
 Prints one JSON line when all ports can be used: ``{"event": "ready", "model", "software", "host",
 "dashboard", "primary", "secondary", "realtime", "rtde", "urcap"}``. Ends by a signal. Its joints
 move by themselves; there is nothing to run into and nothing to grip. Its verbs are
-docs/emulator-faults.md's, on the socket of ``--control``.
+docs/emulated-ur-arm.md's, on the socket of ``--control``.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""What may befall a UR arm, by verb; docs/emulator-faults.md."""
+"""What may befall a UR arm, by verb; docs/emulated-ur-arm.md."""
 
 import json
 from collections.abc import Callable, Mapping

@@ -2,11 +2,13 @@
 
 import asyncio
 import json
+import re
 import struct
 import subprocess
 import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
+from pathlib import Path
 
 import pytest
 from emu_ur_bench import is_at_rest, running_arm
@@ -14,6 +16,7 @@ from emu_ur_bench import is_at_rest, running_arm
 from emulators.gripper_modbus import RobotiqDevice
 from emulators.ur_arm import CYCLE_S, STANDARD_PORTS, RobotMode, UrArm, UrServer, UrVerbs
 
+ROOT = Path(__file__).parents[2]
 PATIENCE_WALL_S = 60.0
 VERSION_2 = bytes.fromhex("00 05 56 00 02")
 START = bytes.fromhex("00 03 53")
@@ -291,6 +294,12 @@ async def test_a_verb_that_makes_no_sense_says_so(order: dict[str, object], word
     answer = verbs.obey(json.dumps(order).encode())
     assert not answer["ok"]
     assert word in answer["error"]
+
+
+def test_every_verb_has_a_row_on_its_page() -> None:
+    verbs = UrVerbs(arm := UrArm(), UrServer(arm)).verbs
+    page = (ROOT / "docs" / "emulated-ur-arm.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^\| `(\w+)` \|", page, re.M)) == sorted(verbs)
 
 
 async def test_every_verb_does_what_it_says() -> None:
