@@ -14,8 +14,6 @@ from ur_cell import write_ur_cell
 
 from controller.conformance.suite import MET, NOT_TRIED, Suite
 
-pytest.importorskip("emulators.ur_arm", reason="the emulated controller is not in this checkout")
-
 
 @pytest.fixture(autouse=True)
 def installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
