@@ -72,17 +72,12 @@ class UrJoints:
 
     Attributes
     ----------
-    q_rad : base, shoulder, elbow, wrist 1, 2, 3
+    q : base, shoulder, elbow, wrist 1, 2, 3 [rad]
     jaw_opening_mm : between the jaws of the gripper on the flange; 0 without one
     """
 
-    q_rad: Joints6
+    q: Joints6
     jaw_opening_mm: float
-
-    @property
-    def of_links(self) -> Joints6:
-        """All values but the jaws'."""
-        return self.q_rad
 
 
 @dataclass(frozen=True, slots=True)

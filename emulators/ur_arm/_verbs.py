@@ -49,7 +49,7 @@ class UrVerbs:
         joints = arm.joints()
         return {
             "time_s": arm.time_s,
-            "q_rad": list(joints.q_rad),
+            "q_rad": list(joints.q),
             "jaw_opening_mm": joints.jaw_opening_mm,
             "robot_mode": arm.robot_mode.name,
             "safety_mode": arm.safety_mode.name,

@@ -7,6 +7,7 @@ import pytest
 from emu_ur_bench import FOLDED, is_at_rest, run, running_arm, said, shifted, until
 from numpy.testing import assert_allclose
 
+from emulators.gripper_modbus import RobotiqDevice
 from emulators.ur_arm import CYCLE_S, JointErrors, RobotMode, RuntimeState, SafetyMode, UrArm
 
 SLACK_S = 0.004  # a program begins with the next cycle, and its end shows with the one after
@@ -394,7 +395,15 @@ def test_true_joints_differ_from_the_encoders_by_the_arm_s_errors() -> None:
     arm = UrArm(errors=JointErrors((0.0, 0.002, 0.0, 0.0, 0.0, -0.001)))
     arm.place(FOLDED)
     assert arm.q_rad == FOLDED
-    assert_allclose(arm.joints().q_rad, (0.0, -1.498, 1.5, -1.5, -1.5, -0.001))
+    assert_allclose(arm.joints().q, (0.0, -1.498, 1.5, -1.5, -1.5, -0.001))
+
+
+def test_the_world_moves_the_arm_reads_its_joints_and_limits_its_jaws() -> None:
+    body = running_arm(gripper=RobotiqDevice())
+    body.grasp_limit_mm = 30.0
+    body.advance(1.0 / 240.0)
+    assert_allclose(body.joints().q, FOLDED)
+    assert body.joints().jaw_opening_mm == 85.0
 
 
 def test_a_cold_arm_stands_where_its_seed_put_it() -> None:
