@@ -34,6 +34,7 @@ from .resting import (
 from .solid import Solid, make_solid
 from .surfaces import (
     Feature,
+    Mouth,
     Recess,
     SurfaceSamples,
     by_face,
@@ -42,6 +43,7 @@ from .surfaces import (
     counted_samples,
     face_shares,
     find_features,
+    find_mouths,
     find_recesses,
     sample_surface,
     share_of,
@@ -76,6 +78,7 @@ __all__ = [
     "LookAlike",
     "Loop",
     "ManySolidsCadError",
+    "Mouth",
     "OpenCadError",
     "PartSymmetry",
     "Recess",
@@ -96,6 +99,7 @@ __all__ = [
     "counted_samples",
     "face_shares",
     "find_features",
+    "find_mouths",
     "find_recesses",
     "find_resting",
     "line_view",

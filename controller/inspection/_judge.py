@@ -188,7 +188,7 @@ def judge(
     )  # fmt: skip
     is_asked = ~np.isin(samples.face_ids, list(not_inspected))
     is_asked &= excuses != Unjudged.CODE.number
-    verified_share = _verified(samples, faces, compared, in_sight, planned, is_asked)
+    verified_share = _verified(samples, edges, compared, in_sight, planned, is_asked)
     claim = _claim(evaluated)
     short = [
         f
@@ -284,7 +284,7 @@ def _percent(some: Sequence[FaceVerdict], faces: Sequence[FaceVerdict]) -> str:
 
 def _verified(
     samples: SurfaceSamples,
-    faces: Sequence[FaceVerdict],
+    edges: EdgeEvidence | None,
     compared: BoolArray,
     in_sight: BoolArray,
     planned: Mapping[str, BoolArray],
@@ -292,7 +292,8 @@ def _verified(
 ) -> float:
     """Return the share of what can be seen, and is asked for, that is verified (`PartVerdict`)."""
     can_be_seen = (in_sight | _any(samples, iter(planned.values()))) & is_asked | compared
-    by_edges = np.isin(samples.face_ids, [f.face_id for f in faces if f.is_by_edges])
+    evidence = edges.faces if edges is not None else {}
+    by_edges = np.isin(samples.face_ids, [i for i, one in evidence.items() if one.is_verified])
     whole = float(samples.areas_mm2[can_be_seen].sum())
     is_verified = (compared | by_edges) & can_be_seen
     return float(samples.areas_mm2[is_verified].sum()) / whole if whole else 0.0

@@ -12,7 +12,7 @@ from edge_views import edge_views, evidence_of
 from manifold3d import CrossSection, Manifold
 from shown_part import Array, face_id, hand, part, perfect
 
-from controller.cad import find_recesses, sample_surface
+from controller.cad import find_mouths, find_recesses, sample_surface
 from controller.inspection import FindingKind, InspectionLimits, PosedPart, WorldBox
 from controller.inspection.edge_evidence import (
     EdgeEvidence,
@@ -78,6 +78,42 @@ def test_a_keyway_in_a_shaft_is_a_recess_and_its_shoulders_are_none() -> None:
     (keyway,) = find_recesses(solid_of(shaft - box(8, 6, 24).translate((12, 0, 0))))
     assert (len(keyway.walls), keyway.is_through) == (4, False)
     assert keyway.axis == pytest.approx([1, 0, 0], abs=1e-6)
+
+
+def walls_of_mouths(body: Body) -> list[set[str]]:
+    """The kinds and sizes of the walls that lead inwards from each mouth."""
+    solid = solid_of(body)
+    labels = [face.label.split(" ", 1)[1] for face in solid.faces]
+    return [{labels[wall] for wall in mouth.walls} for mouth in find_mouths(solid)]
+
+
+def test_a_cross_hole_opens_into_a_bore_and_no_bore_into_its_cross_hole() -> None:
+    tube = rod(14, 48, 96) - rod(7, 60, 96) - rod(3, 80, 64).rotate((90, 0, 0))
+    told = sorted(walls_of_mouths(tube), key=str)
+    # two ends of the bore; each half of the cross hole opens outwards and into the bore
+    assert told == [{"bore 14.0 mm"}] * 2 + [{"bore 6.0 mm"}] * 4
+
+
+def test_a_hollow_that_another_one_cuts_has_its_mouths() -> None:
+    mouths = find_mouths(keyed_part().solid)
+    assert sum(len(m.walls) == 4 for m in mouths) == 2
+    assert len(find_recesses(keyed_part().solid)) == 1  # the half of the cross hole off the keyway
+
+
+@pytest.mark.parametrize(
+    "length_mm", [20.0, 100.0], ids=["short", "longer than the shaft is round"]
+)
+def test_a_keyway_opens_to_the_outside_of_its_shaft(length_mm: float) -> None:
+    (keyway,) = find_mouths(solid_of(rod(10, 150, 96) - box(6, 6, length_mm).translate((10, 0, 0))))
+    assert len(keyway.walls) == 4
+
+
+@pytest.mark.parametrize(
+    "cut", [box(6, 30, 200).translate((11, 0, 0)), box(6, 6, 100).translate((10, 0, 40))],
+    ids=["flat", "keyway to the end"],
+)  # fmt: skip
+def test_what_is_open_at_the_end_of_a_shaft_has_no_mouth(cut: Body) -> None:
+    assert find_mouths(solid_of(rod(10, 150, 96) - cut)) == ()
 
 
 def test_the_largest_disc_on_a_face() -> None:
@@ -321,6 +357,80 @@ def test_two_rims_without_light_between_them_show_no_wall() -> None:
     # the cross bore opens to both sides, and no view looks through it
     wall = next(f.id for f in part().solid.faces if f.concave and abs(f.radius_mm - 3) < 0.1)
     assert not of_perfect().faces[wall].is_verified
+
+
+KEYWAY_TOP = 12.0
+
+
+def keyed() -> Body:
+    """A bore with a keyway, both cut in two by a cross hole wider than the keyway."""
+    keyway = box(8, KEYWAY_TOP, 30).translate((0, KEYWAY_TOP / 2, 0))
+    return box(46, 34, 24) - rod(8, 40, 96) - keyway - rod(4.5, 60, 64).rotate((90, 0, 0))
+
+
+@cache
+def keyed_part() -> PosedPart:
+    return PosedPart(solid_of(keyed(), "keyed"))
+
+
+def keyway_floors(found: EdgeEvidence) -> tuple[FaceEdges, FaceEdges]:
+    """The pieces of the keyway's floor, at the back and at the front, too wide to be narrow."""
+    faces = [
+        face
+        for face in keyed_part().solid.faces
+        if face.kind == "plane" and np.allclose(face.centre_mm[:2], (0, KEYWAY_TOP), atol=0.1)
+    ]
+    back, front = sorted(faces, key=lambda face: float(face.centre_mm[2]))
+    return found.faces[back.id], found.faces[front.id]
+
+
+FROM_THE_FRONT = ((1.0, 2.0), (-2.0, -1.0))
+
+
+def test_light_along_one_piece_of_a_wall_shows_all_that_lie_in_line_with_it() -> None:
+    # in sight from the front alone: the light ends at the back
+    floors = keyway_floors(evidence(keyed_part(), keyed(), FROM_THE_FRONT))
+    assert all(one.is_verified and "light" in one.how for one in floors)
+    assert min(one.share for one in floors) > 0.8
+
+
+BACK, FRONT = 0, 1
+# what is in the keyway, and which piece of its floor is wrong
+IN_THE_KEYWAY = {
+    "not cut to the back": (box(8, 5, 12).translate((0, 10, -6)), BACK),
+    "not cut to the front": (box(8, 5, 12).translate((0, 10, 6)), FRONT),
+    "a web": (box(8, 5, 1).translate((0, 10, -9)), BACK),
+    "too shallow": (box(8, 2, 24).translate((0, KEYWAY_TOP, 0)), BACK),
+    "too shallow at the back": (box(8, 2, 12).translate((0, KEYWAY_TOP, -6)), BACK),
+    "too shallow at the front": (box(8, 2, 12).translate((0, KEYWAY_TOP, 6)), FRONT),
+}
+
+
+@pytest.mark.parametrize(("lump", "wrong"), IN_THE_KEYWAY.values(), ids=IN_THE_KEYWAY)
+def test_a_keyway_that_is_not_clear_is_not_shown_by_the_light_along_it(
+    lump: Body, wrong: int
+) -> None:
+    found = evidence(keyed_part(), keyed() + lump, FROM_THE_FRONT)
+    assert not keyway_floors(found)[wrong].is_verified
+
+
+def clevis(*holes: float) -> Body:
+    """A low leg before a high one, a hole through each, both in line, at two z."""
+    legs = box(46, 34, 4).translate((0, 0, -10)) + box(46, 16, 4).translate((0, -9, 10))
+    body = legs + box(46, 4, 24).translate((0, -15, 0))
+    for z in holes:
+        body -= rod(4, 8, 64).translate((0, -8, z))
+    return body
+
+
+def test_light_past_a_leg_says_nothing_of_the_hole_in_it() -> None:
+    nominal = PosedPart(solid_of(clevis(-10.0, 10.0), "clevis"))
+    found = evidence(nominal, clevis(-10.0), ((0.0, 28.0), (2.0, 30.0)))
+    walls = [f for f in nominal.solid.faces if f.kind == "cylinder"]
+    far, near = sorted(walls, key=lambda wall: float(wall.centre_mm[2]))
+    assert found.faces[far.id].is_verified
+    assert not found.faces[near.id].is_verified
+    assert found.faces[near.id].share == 0.0
 
 
 def test_a_sliver_of_a_wall_whose_rims_are_too_short_to_be_looked_for_is_not_shown() -> None:

@@ -191,13 +191,19 @@ def test_what_can_be_seen_is_in_sight_or_planned_and_not_left_out() -> None:
     assert got.verdict is Verdict.PASS
 
 
-def test_a_face_that_its_edges_verify_counts_as_verified() -> None:
+@pytest.mark.parametrize("share", [0.0, 0.4, 0.6, 0.9])
+def test_a_face_that_its_edges_verify_counts_as_verified_however_much_was_compared(
+    share: float,
+) -> None:
     bore = bore_id()
-    seen = all_in_sight(view(compared=all_but(bore)))
+    mine = np.flatnonzero(samples().face_ids == bore)
+    some = np.isin(np.arange(len(samples().points_mm)), mine[: int(share * len(mine))])
+    seen = all_in_sight(view(compared=all_but(bore) | some))
     proof = evidence(FaceEdges(1.0, 2, is_verified=True, how="of its rims"))
     got = judge(plate(), samples(), (seen,), {}, 0.99, LIMITS, edges=proof)
     assert got.verified_fraction == pytest.approx(1.0)
-    assert got.compared_fraction < 0.99
+    assert got.compared_fraction < 1.0
+    assert got.faces[bore].is_by_edges is (share < 0.5)
 
 
 @pytest.mark.parametrize("coverage", [0.0, -0.1, 1.1, float("nan")])

@@ -4,13 +4,14 @@ from ._counted import SAMPLE_SHARE, count_caution, counted_defect_mm, counted_sa
 from ._samples import SurfaceSamples, by_face, sample_surface
 from ._shares import face_shares, share_of, uncertainty_of
 from .features import Feature, FeatureKind, FeatureWall, find_features
-from .mouths import Recess, find_recesses
+from .mouths import Mouth, Recess, find_mouths, find_recesses
 
 __all__ = [
     "SAMPLE_SHARE",
     "Feature",
     "FeatureKind",
     "FeatureWall",
+    "Mouth",
     "Recess",
     "SurfaceSamples",
     "by_face",
@@ -19,6 +20,7 @@ __all__ = [
     "counted_samples",
     "face_shares",
     "find_features",
+    "find_mouths",
     "find_recesses",
     "sample_surface",
     "share_of",

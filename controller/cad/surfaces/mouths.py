@@ -1,5 +1,6 @@
 """Holes, slots and pockets as mouths, walls and floors, without sizes or kinds."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -7,10 +8,10 @@ import numpy as np
 
 from controller.arrays import FloatArray
 
-from ..boundary import Boundary, Crease
+from ..boundary import Boundary, Crease, Face
 from ..solid import Solid
 
-LEVEL_MM: Final = 0.01  # depth of a shoulder's face, which leads nowhere, by rounding
+ALONG: Final = 0.5  # least cosine between a way and its mouth, which may be cut at 60 degrees
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -44,29 +45,43 @@ class Recess:
         return frozenset(around) - self.walls
 
 
-def find_recesses(solid: Solid) -> tuple[Recess, ...]:
-    """Return the recesses of a part whose walls run straight from end to end."""
+@dataclass(frozen=True, slots=True)
+class Mouth:
+    """An opening of a hollow: its edges, and the ids of the walls that lead inwards from them."""
+
+    edges: frozenset[int]
+    walls: frozenset[int]
+
+
+def find_mouths(solid: Solid) -> tuple[Mouth, ...]:
+    """Return the openings of a part's hollows, whatever their walls lead to."""
     b = solid.boundary
-    mouths = [
-        (edges, walls)
+    return tuple(
+        Mouth(edges, walls)
         for loop in range(len(b.first))
         if (edges := frozenset(h // 2 for h in b.loop_edges(loop)))
         and (walls := _walls(solid, b, loop))
-    ]
+    )
+
+
+def find_recesses(solid: Solid) -> tuple[Recess, ...]:
+    """Return the recesses of a part whose walls run straight from end to end."""
+    b = solid.boundary
+    mouths = find_mouths(solid)
     found: list[Recess] = []
-    for i, (edges, walls) in enumerate(mouths):
+    for i, one in enumerate(mouths):
         others = [
-            (other, other_walls)
-            for j, (other, other_walls) in enumerate(mouths)
-            if j != i and other_walls == walls and not other & edges
+            (j, other.edges)
+            for j, other in enumerate(mouths)
+            if j != i and other.walls == one.walls and not other.edges & one.edges
         ]
-        rest = _ends(b, walls) - edges
-        if len(others) == 1 and rest == others[0][0]:
-            if i < [m[0] for m in mouths].index(others[0][0]):
-                found.append(_recess(solid, walls, (edges, others[0][0]), frozenset()))
+        rest = _ends(b, one.walls) - one.edges
+        if len(others) == 1 and rest == others[0][1]:
+            if i < others[0][0]:
+                found.append(_recess(solid, one.walls, (one.edges, rest), frozenset()))
         elif rest and all(b.crease[edge] == Crease.CONCAVE for edge in rest):
-            found.append(_recess(solid, walls, (edges,), frozenset(rest)))
-    return tuple(recess for recess in found if recess.depth_mm > LEVEL_MM)
+            found.append(_recess(solid, one.walls, (one.edges,), rest))
+    return tuple(found)
 
 
 def _walls(solid: Solid, b: Boundary, loop: int) -> frozenset[int]:
@@ -78,14 +93,42 @@ def _walls(solid: Solid, b: Boundary, loop: int) -> frozenset[int]:
     own = int(b.loop_face[loop])
     if own in walls:
         return frozenset()
-    # A keyway in a shaft opens to the outside of a cylinder.
-    is_outside = solid.faces[own].kind == "cylinder" and not solid.faces[own].concave
-    if b.is_hole[loop] and is_outside:
-        return walls
     if solid.faces[own].kind == "plane":
         return walls if b.is_hole[loop] else frozenset()
-    is_bore = all(solid.faces[w].kind == "cylinder" and solid.faces[w].concave for w in walls)
+    points = _polyline(solid, around)
+    if solid.faces[own].kind == "cylinder" and not solid.faces[own].concave:
+        # A keyway or a cross hole opens to the outside of a shaft.
+        return walls if _is_hole(solid.faces[own], points) else frozenset()
+    # A cross hole opens into a bore; the bore does not open into the cross hole.
+    way = np.cross(points[:-1] - points[0], points[1:] - points[0]).sum(axis=0)
+    is_bore = all(
+        solid.faces[w].kind == "cylinder"
+        and solid.faces[w].concave
+        and abs(float(solid.faces[w].axis @ way)) > ALONG * np.linalg.norm(way)
+        for w in walls
+    )
     return walls if is_bore else frozenset()
+
+
+def _polyline(solid: Solid, around: Sequence[int]) -> FloatArray:
+    """Return the points (n, 3) along a loop of half-edges; the last is the first."""
+    vertices = np.asarray(solid.mesh.vertices, dtype=np.float64)
+    way = [vertices[solid.boundary.chain_of(h // 2)[:: -1 if h % 2 else 1]] for h in around]
+    return np.concatenate([way[0][:1], *(one[1:] for one in way)])
+
+
+def _is_hole(cylinder: Face, points: FloatArray) -> bool:
+    """Return True if a closed polyline (n, 3) goes round a hole in an outer cylinder's wall.
+
+    Seen from outside, a loop round a hole runs clockwise; a loop at an end runs round the axis.
+    """
+    first = points[0] - cylinder.centre_mm
+    first -= float(first @ cylinder.axis) * cylinder.axis
+    off = points - cylinder.centre_mm
+    second = np.cross(cylinder.axis, first)
+    turn, along = np.unwrap(np.arctan2(off @ second, off @ first)), off @ cylinder.axis
+    area = 0.5 * float((turn[:-1] * along[1:] - turn[1:] * along[:-1]).sum())
+    return abs(float(turn[-1] - turn[0])) < np.pi and area < 0.0
 
 
 def _ends(b: Boundary, walls: frozenset[int]) -> frozenset[int]:

@@ -5,14 +5,15 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
 
+import cv2
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
-from controller.arrays import BoolArray, FloatArray, IndexArray
-from controller.cad import Crease, Recess, Solid
+from controller.arrays import BoolArray, FloatArray, IndexArray, lengths
+from controller.cad import Crease, Mouth, Recess, Solid, find_mouths
 
 from ._depth import Floor
-from ._edges import KEPT_PARTS, PartEdges
+from ._edges import KEPT_PARTS, SPACING_PX, PartEdges
 from ._looks import EdgeLook, State
 
 TWO: Final = 2  # least number of pictures from which an edge must be missing
@@ -25,6 +26,9 @@ OPEN_PART: Final = 0.25
 ALL_ROUND: Final = 0.8
 CHANCE: Final = 0.1  # largest share of an edge in place by texture alone
 BESIDE: Final = 1.5  # distance, in spacings, below which points of two mouths overlap
+# Least cosine between the normals of pieces of one wall: between that of two places one spacing
+# apart round a bore of three pixels' radius, and that of neighbouring walls of an octagon.
+IN_LINE: Final = 0.75
 NO_DEPTH: Final = "no picture shows how deep its floor lies"
 DISPUTED: Final = "pictures disagree on how deep its floor lies"
 NO_RIM: Final = "its rim is too short to be looked for"
@@ -125,7 +129,8 @@ def prove_faces(
     """Return the evidence on faces from their edges, by face id.
 
     The wall of a through hole is verified by the light through it, since both rims may be in place
-    with a web between them. Where a gripper hides a part of the light in all views, both rims have
+    with a web between them; where another hollow cuts the wall, by the light along all its pieces.
+    Where a gripper hides a part of the light in all views, both rims have
     to be in place all round, each place in any picture. The wall of a blind hole is verified by its
     rim, once the floor is shown to be deeper than half. Any other narrow face is verified by its
     edges, in pictures in which the smallest defect would have moved them.
@@ -140,6 +145,7 @@ def prove_faces(
     smallest_mm : size of the smallest defect
     """
     recess_of = {wall: recess for recess in recesses for wall in recess.walls}
+    mouths = find_mouths(solid)
     held = confirmed(looks, np.stack([look.state == State.IN_PLACE for look in looks]))
     out = {}
     for face in range(len(solid.faces)):
@@ -150,20 +156,21 @@ def prove_faces(
         count = sum(bool((look.state[own] == State.IN_PLACE).any()) for look in looks)
         how = why = ""
         recess = recess_of.get(face)
-        mouths, axis = _mouths(solid, edges, face, recess)
-        if mouths:
-            light = [_by_light(edges, looks, mouth, axis, face) for mouth in mouths]
-            # A bore with one plain mouth is proven by it, a passage by both.
+        rims = _rims(edges, face, recess, mouths)
+        if rims:
+            light = [_by_light(edges, looks, rim, face) for rim in rims]
+            # A wall with one plain mouth is proven by it, one from end to end by both.
             share = min(light) if recess is not None else max(light)
             how = "of its rims, by the light through it," if share > GREATER_PART else ""
             why = f"light through it is shown at {100 * share:.0f} % of its rims"
-            round_ = _beside_light(edges, looks, mouths, held, face) if recess is not None else 0.0
+            round_ = _beside_light(edges, looks, rims, held, face) if recess is not None else 0.0
             if not how and round_ >= ALL_ROUND:
                 share, how = round_, "of its rims, by the light through the part of it in sight,"
         elif recess is not None and not recess.is_through:
             share, how, why = _blind(edges, looks, face, floors[recess.walls])
-        elif narrow[face] and (not solid.faces[face].concave or solid.faces[face].kind == "cone"):
-            # A rim in place does not prove the depth of a hole: walls of holes are excluded here.
+        is_hole = solid.faces[face].concave and solid.faces[face].kind != "cone"
+        if recess is None and narrow[face] and not is_hole:
+            # A rim in place does not prove the depth of a hole: walls of bores are excluded here.
             told = _told(edges, looks, own, side, smallest_mm)
             why = f"{100 * told:.0f} % of its edges shown in place where a defect would move them"
             if told > GREATER_PART:
@@ -252,49 +259,98 @@ def confirmed(looks: Sequence[EdgeLook], in_place: BoolArray) -> BoolArray:
     return np.asarray((times > 0) & (times >= elsewhere))
 
 
-def _mouths(
-    solid: Solid, edges: PartEdges, face: int, recess: Recess | None
-) -> tuple[list[IndexArray], FloatArray]:
-    """Return the points of each mouth of a wall through which light may pass, and its direction.
+@dataclass(frozen=True, eq=False, slots=True)
+class _Rim:
+    """A mouth of a wall: (k,) points of the wall on it, (m,) all its points, (3,) its axis."""
 
-    A bore that ends in a countersink or in another hole on one side has one plain mouth. The
-    pictures show whether light can pass at all.
+    own: IndexArray
+    around: IndexArray
+    axis: FloatArray
+
+
+def _rims(
+    edges: PartEdges, face: int, recess: Recess | None, mouths: Sequence[Mouth]
+) -> list[_Rim]:
+    """Return the mouths of a wall through which light may pass.
+
+    A wall that another hollow cuts, or that leads to one, need have one mouth alone. The pictures
+    show whether light can pass at all.
+
+    Parameters
+    ----------
+    edges : edges of the part
+    face : id of the wall
+    recess : its hole, if that runs straight from end to end
+    mouths : all mouths of the part
     """
-    own = np.flatnonzero((edges.faces == face).any(axis=1))
-    if recess is not None:
-        if not recess.is_through:
-            return [], recess.axis
-        ends = [own[np.isin(edges.edge[own], list(mouth))] for mouth in recess.mouths]
-        return ends if all(len(end) for end in ends) else [], recess.axis
-    wall = solid.faces[face]
-    if wall.kind != "cylinder" or not wall.concave:
-        return [], wall.axis
-    rings = np.unique(edges.edge[own[edges.is_closed[own]]])
-    return [own[edges.edge[own] == ring] for ring in rings], wall.axis
+    if recess is not None and not recess.is_through:
+        return []
+    out = []
+    for mouth in mouths:
+        if face not in mouth.walls:
+            continue
+        around = np.flatnonzero(np.isin(edges.edge, list(mouth.edges)))
+        own = around[(edges.faces[around] == face).any(axis=1)]
+        if len(own):
+            walls = edges.normals[around][np.isin(edges.faces[around], list(mouth.walls))]
+            # square to the walls, or as nearly as can be
+            out.append(_Rim(own, around, np.asarray(np.linalg.svd(walls)[2][2])))
+        elif recess is not None:
+            return []  # too short to be looked for
+    return out
 
 
-def _by_light(
-    edges: PartEdges, looks: Sequence[EdgeLook], mouth: IndexArray, axis: FloatArray, face: int
-) -> float:
-    """Return the share of a mouth where light ends at its edge, or at a wall beside it."""
-    is_wall = edges.faces == face
-    light = np.stack([
-        (look.state == State.IN_PLACE) & (look.light_through & is_wall).any(axis=1)
+def _by_light(edges: PartEdges, looks: Sequence[EdgeLook], rim: _Rim, face: int) -> float:
+    """Return the share of a mouth where light ends at a wall's edge, or at an edge in line with it.
+
+    A hollow that cuts a wall leaves pieces in line, with one normal. Light that passes the mouth
+    along one of them passes along all, as it does along a wall that nothing cuts. It counts for no
+    place of the mouth at which light has to end in any picture, and does in none.
+    """
+    must = [
+        (look.state != State.HIDDEN)[:, None]
+        & look.light_through
+        & _passes(look, rim.around)[:, None]
         for look in looks
+    ]
+    light = np.stack([
+        one & (look.state == State.IN_PLACE)[:, None]
+        for one, look in zip(must, looks, strict=True)
     ])  # fmt: skip
-    shown = confirmed(looks, light)
-    there = np.flatnonzero(shown)
-    if len(there) == 0:
-        return 0.0
-    flat = edges.points_mm - (edges.points_mm @ axis)[:, None] * axis
-    near, _ = cKDTree(flat[there]).query(flat[mouth])
-    return _share(edges, mouth, shown[mouth] | (near <= BESIDE * edges.length_mm[mouth]))
+    shown = confirmed(looks, np.asarray(light.any(axis=2)))
+    there, side = np.nonzero(light.any(axis=0) & shown[:, None])
+    is_dark = np.any(must, axis=(0, 2)) & ~shown
+    flat = edges.points_mm - (edges.points_mm @ rim.axis)[:, None] * rim.axis
+    normals = edges.normals[rim.own, (edges.faces[rim.own, 1] == face).astype(np.intp)]
+    near = cdist(flat[rim.own], flat[there]) <= BESIDE * edges.length_mm[rim.own, None]
+    is_wall = normals @ edges.normals[there, side].T >= IN_LINE
+    return _share(edges, rim.own, (near & is_wall).any(axis=1) & ~is_dark[rim.own])
+
+
+def _passes(look: EdgeLook, around: IndexArray) -> BoolArray:
+    """Return a mask (n,) of the edge points whose lines of sight pass a mouth in a picture.
+
+    Parameters
+    ----------
+    look : look at the picture
+    around : points round the mouth
+    """
+    out = np.asarray(look.light_through.any(axis=1))
+    corners = cv2.convexHull(look.pixels[around].astype(np.float32))[:, 0].astype(np.float64)
+    if len(corners) < 3 or not out.any():
+        return np.zeros_like(out)
+    along = np.roll(corners, -1, axis=0) - corners
+    outward = np.column_stack([along[:, 1], -along[:, 0]]) / lengths(along)[:, None]
+    outward *= np.sign(((corners - corners.mean(axis=0)) * outward).sum(axis=1).mean())
+    off = look.pixels[out] @ outward.T - (corners * outward).sum(axis=1)
+    out[out] = off.max(axis=1) <= SPACING_PX
+    return out
 
 
 def _beside_light(
     edges: PartEdges,
     looks: Sequence[EdgeLook],
-    mouths: Sequence[IndexArray],
+    rims: Sequence[_Rim],
     held: BoolArray,
     face: int,
 ) -> float:
@@ -303,7 +359,7 @@ def _beside_light(
     Parameters
     ----------
     edges, looks : edges of the part, and looks at them
-    mouths : points of each of its two rims
+    rims : its two mouths
     held : (n,) True where any picture shows the edge in place
     face : id of the wall
 
@@ -312,7 +368,7 @@ def _beside_light(
     share : that of the worse rim; 0 where too little light is in sight, or it ends off the rims
     """
     is_wall = edges.faces == face
-    rims = np.concatenate(mouths)
+    own = np.concatenate([rim.own for rim in rims])
     through = [(look.light_through & is_wall).any(axis=1) for look in looks]
     must = np.any(
         [one & (look.state != State.HIDDEN) for one, look in zip(through, looks, strict=True)],
@@ -324,12 +380,12 @@ def _beside_light(
             one & (look.state == State.IN_PLACE) for one, look in zip(through, looks, strict=True)
         ]),
     )  # fmt: skip
-    if _share(edges, rims, must[rims]) < OPEN_PART:
+    if _share(edges, own, must[own]) < OPEN_PART:
         return 0.0
-    in_sight = rims[must[rims]]
+    in_sight = own[must[own]]
     if _share(edges, in_sight, ends[in_sight]) < ALL_ROUND:
         return 0.0
-    return min(_share(edges, mouth, held[mouth]) for mouth in mouths)
+    return min(_share(edges, rim.own, held[rim.own]) for rim in rims)
 
 
 def _blind(
