@@ -4,7 +4,6 @@ import logging
 import math
 import os
 from collections import deque
-from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from emulators.added import AddedParts
 from emulators.as_built import as_drawn, draw_as_built
-from emulators.camera_v4l2 import CameraConfig, CameraServer, PixelFormat, V4l2Device
+from emulators.cameras import Cameras
 from emulators.clock import SharedClock, WorldClock
 from emulators.codes import codes_of
 from emulators.faults import CameraPlugs, SupplyChange, Verbs
@@ -38,7 +37,6 @@ from emulators.tcp_listener import TcpListener
 from emulators.umi_scara import ArmModel, ArmServer, ArmWire, Axis
 from emulators.world import (
     MAX_REST_OFF_RAD,
-    Picture,
     PictureDesk,
     Rest,
     World,
@@ -137,26 +135,6 @@ class _FixedJaws:
         self._device.advance(dt_s)
 
 
-class _View:
-    """One camera's view, as its device orders it."""
-
-    def __init__(self, desk: PictureDesk, camera: int, *, is_deep: bool) -> None:
-        self._desk, self._camera = desk, camera
-        self._bits = 16 if is_deep else 8
-        self.device: V4l2Device | None = None
-
-    def expose(
-        self, start_s: float, end_s: float, exposure_s: float, gain: float
-    ) -> Hashable | None:
-        """Order the picture of an exposure; it shows the world at its middle."""
-        middle_s = (start_s + end_s) / 2.0
-        return self._desk.order(self._camera, middle_s, exposure_s, gain, self._bits, self._deliver)
-
-    def _deliver(self, ticket: Hashable, picture: Picture) -> None:
-        if self.device is not None:
-            self.device.deliver(ticket, picture)
-
-
 class Cell:
     """One emulated cell: `start`, then `advance` whenever `behind_s` says so, `aclose`.
 
@@ -223,7 +201,11 @@ class Cell:
         if clock is None:
             self._shared_clock = SharedClock(options.speed, waits=not options.is_on_wall_clock)
         self.clock: WorldClock = self._shared_clock or clock or WorldClock()
-        self.cameras: dict[str, V4l2Device] = {}
+        self._cameras = Cameras(
+            self.layout.cameras, self.layout.drivers, self.desk, self.clock, options.seed
+        )
+        self.cameras = self._cameras.devices
+        self.camera_plugs: CameraPlugs = self._cameras
         self._folder = folder
         self._supply_changes: deque[SupplyChange] = deque(maxlen=SUPPLY_CHANGES_KEPT)
         self.faults = Verbs(self)
@@ -316,12 +298,8 @@ class Cell:
         await self.arm_server.start()
         self._open.append(self.arm_server)
         await self._start_lines()
-        self._make_cameras()
-        server = CameraServer(self.cameras, self._folder / "cameras", self.options.camera_transport)
-        self._camera_server = server
-        self.camera_plugs: CameraPlugs = server
-        await server.start()
-        self._open.append(server)
+        self._open.append(self._cameras)
+        await self._cameras.start(self._folder / "cameras", self.options.camera_transport)
 
     async def start_in_process(self, camera_plugs: CameraPlugs) -> None:
         """Open the Modbus lines alone; arm and cameras are reached by their models.
@@ -331,7 +309,6 @@ class Cell:
         camera_plugs : plugs in place of the cameras' wires
         """
         await self._start_lines()
-        self._make_cameras()
         self.camera_plugs = camera_plugs
 
     async def _start_lines(self) -> None:
@@ -351,14 +328,6 @@ class Cell:
             await server.start()
             self._open.append(server)
 
-    def _make_cameras(self) -> None:
-        for number, (name, camera) in enumerate(self.layout.cameras.items()):
-            config = self._camera_config(name)
-            is_deep = PixelFormat.Y16 in config.formats
-            view = _View(self.desk, number, is_deep=is_deep)
-            view.device = self.cameras[name] = V4l2Device(view, self.clock, config)
-            log.info("camera %s: %d x %d px", name, camera.width_px, camera.height_px)
-
     def _line(self, bus: Bus, baudrate: int) -> Line:
         if self.options.lines == "rtu-pty":
             return RtuPtyServer(bus, self.clock, baudrate)
@@ -366,30 +335,9 @@ class Cell:
             return RtuOverTcpServer(bus, self.clock, baudrate=baudrate)
         return TcpGateway(bus, self.clock, baudrate=baudrate)
 
-    def _camera_config(self, name: str) -> CameraConfig:
-        camera = self.layout.cameras[name]
-        rate_hz = round(camera.fps)
-        try:
-            formats = tuple(PixelFormat[one] for one in camera.formats)
-        except KeyError as error:
-            raise LayoutError(f"cameras.{name}.formats: {error} is unknown") from error
-        return CameraConfig(
-            card=f"Emulated {name}",
-            bus_info=f"usb-0000:00:14.0-{1 + list(self.layout.cameras).index(name)}",
-            sizes_px=(
-                (camera.width_px, camera.height_px),
-                (camera.width_px // 2, camera.height_px // 2),
-            ),
-            formats=formats,
-            rates_hz=tuple(sorted({rate_hz, 5, 2, 1}, reverse=True)),
-            default_rate_hz=rate_hz,
-            # with a second picture in the making, the one that is wanted would have to wait
-            in_flight_max=1,
-        )
-
     async def run_cameras(self) -> None:
         """Let the cameras take frames, until cancelled."""
-        await self._camera_server.run()
+        await self._cameras.run()
 
     async def aclose(self) -> None:
         """Close all wires, end the picture process; may be called half-way through `start`."""
@@ -416,10 +364,10 @@ class Cell:
                 "gripper": {**self._where(self.gripper_line), "unit": self.gripper.unit},
                 "lights": {**lights, "analog_unit": ANALOG_UNIT, "relay_unit": RELAY_UNIT},
                 "io": {"transport": "tcp", "host": host, "port": port, "unit": IO_UNIT},
-                **self._camera_server.addresses,
+                **self._cameras.addresses,
             },
-            "camera_transport": self._camera_server.transport,
-            "why_not_fuse": self._camera_server.why_not_fuse,
+            "camera_transport": self._cameras.transport,
+            "why_not_fuse": self._cameras.why_not_fuse,
             "pid": os.getpid(),
             "started_wall_s": self.clock.started_wall_s,
             "clock": str(self._shared_clock.path if self._shared_clock else ""),

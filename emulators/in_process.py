@@ -5,6 +5,7 @@ port is not opened: ``Cell.faults`` obeys its orders where they are handed over.
 """
 
 from ._cell import Cell, CellOptions
+from .cameras import EmulatedCamera
 from .faults import CameraPlugs, Verbs
 
-__all__ = ["CameraPlugs", "Cell", "CellOptions", "Verbs"]
+__all__ = ["CameraPlugs", "Cell", "CellOptions", "EmulatedCamera", "Verbs"]

@@ -9,8 +9,7 @@ from typing import Final
 
 from drivers.clock import CellClock
 from drivers.errors import LinkError, ReplyTimeoutError, UnpluggedError
-from emulators.camera_v4l2 import V4l2Device
-from emulators.in_process import Cell
+from emulators.in_process import Cell, EmulatedCamera
 from emulators.world.ground_truth import custody, part_pose
 
 from .stand_ins import SIZE_PX, TruthFrame, stamped_picture
@@ -29,7 +28,7 @@ class Plugs:
     """
 
     def __init__(self) -> None:
-        self.cameras: dict[str, V4l2Device] = {}
+        self.cameras: dict[str, EmulatedCamera] = {}
 
     def unplug(self, name: str) -> None:
         """Pull a camera's cable."""

@@ -5,7 +5,8 @@ or over a unix socket where FUSE cannot be mounted. Written from the kernel's V4
 documentation and `linux/videodev2.h`, never from the driver.
 """
 
-from ._pattern import ClockPattern, read_clock_pattern
+from emulators.clock_pattern import ClockPattern, read_clock_pattern
+
 from .device import Clock, Faults, PictureSource, V4l2Device
 from .kernel import DEFAULT_CONTROLS, CameraConfig, ControlSpec, Kind, Picture, PixelFormat
 from .server import CameraServer

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from emulators.clock import WorldClock
+from emulators.clock_pattern import ClockPattern
 
-from ._pattern import ClockPattern
 from .device import Faults, V4l2Device
 from .kernel import CameraConfig
 from .server import CameraServer

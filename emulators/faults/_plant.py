@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.added import AddedParts
-from emulators.camera_v4l2 import Faults as CameraFaults
 from emulators.gripper_modbus import JawModel
 from emulators.io_modbus import CellSignals, E1214Device
 from emulators.lamp_units import LampModule
@@ -42,9 +41,14 @@ class Network(Protocol):
 
 
 class Camera(Protocol):
-    """A camera as faults know it."""
+    """A camera as faults know it.
 
-    faults: CameraFaults
+    Attributes
+    ----------
+    faults : a frozen dataclass, of the camera's own kind
+    """
+
+    faults: Any
 
     @property
     def is_plugged(self) -> bool:

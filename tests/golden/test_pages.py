@@ -63,3 +63,12 @@ def test_every_frame_of_a_ur_session_stands_on_its_page() -> None:
     ] + [session["data"] for session in golden("universal_robots")["session"] if "data" in session]
     assert len(frames) > 30
     assert not [frame for frame in frames if frame not in page]
+
+
+def test_every_frame_of_gige_vision_stands_on_its_page() -> None:
+    page = printed((PAGES / "gige_vision.md").read_text(encoding="utf-8"))
+    frames = golden("gige_vision")
+    said = [f[way] for f in frames["request"] for way in ("frame", "reply") if way in f]
+    said += [f["frame"] for f in frames["stream"]]
+    assert len(said) > 8
+    assert not [frame for frame in said if frame not in page]

@@ -1,6 +1,6 @@
 """A test pattern instead of a world: every picture shows its instant and its brightness.
 
-A camera without a cell around it: for tests of clients, and for `v4l2-ctl` by hand.
+A camera without a cell around it: for tests of clients, and for `v4l2-ctl` or `arv-tool` by hand.
 """
 
 import asyncio
@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from .kernel import Picture
+Picture = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 _COLUMN_COUNT: Final = 80  # squares across the picture, whatever its size
 _BIT_COUNT: Final = 64
@@ -23,14 +23,13 @@ class ClockPattern:
     """Paints the instants of exposure [us] as two rows of black and white squares.
 
     The rest of the picture is as bright as exposure and gain make it. Runs on the event loop it
-    is used in; `delay_wall_s` stands for the time that a real picture takes to make;
-    `is_deep` makes it 16 bits a pixel.
+    is used in; `delay_wall_s` stands for the time that a real picture takes to make.
 
     Parameters
     ----------
     size_px : width and height of the pictures
     delay_wall_s : the time that a real picture would take to make [wall s]
-    is_deep : 16 bits a pixel instead of 8
+    is_deep : 16 bits a pixel instead of 8, where the camera does not say
     """
 
     def __init__(
@@ -50,7 +49,7 @@ class ClockPattern:
         self._deliver = deliver
 
     def expose(
-        self, start_s: float, end_s: float, exposure_s: float, gain: float
+        self, start_s: float, end_s: float, exposure_s: float, gain: float, bits: int | None = None
     ) -> Hashable | None:
         """Order a picture; return its ticket, None before `connect`.
 
@@ -59,16 +58,19 @@ class ClockPattern:
         start_s, end_s : first and last instant of the exposure [world s]
         exposure_s : length of the exposure [s], for the brightness
         gain : factor on the brightness
+        bits : of a pixel, 8 or 16
         """
         if self._deliver is None:
             return None
         ticket = next(self._tickets)
-        picture = self.paint(start_s, end_s, exposure_s, gain)
+        picture = self.paint(start_s, end_s, exposure_s, gain, bits)
         loop = asyncio.get_running_loop()
         loop.call_later(self.delay_wall_s, self._deliver, ticket, picture)
         return ticket
 
-    def paint(self, start_s: float, end_s: float, exposure_s: float, gain: float) -> Picture:
+    def paint(
+        self, start_s: float, end_s: float, exposure_s: float, gain: float, bits: int | None = None
+    ) -> Picture:
         """Return the picture of an exposure, (height, width).
 
         Parameters
@@ -76,16 +78,18 @@ class ClockPattern:
         start_s, end_s : first and last instant of the exposure [world s], one row of squares each
         exposure_s : length of the exposure [s], for the brightness of the ground
         gain : factor on that brightness
+        bits : of a pixel, 8 or 16
         """
+        is_deep = self._is_deep if bits is None else bits == 16
         width, height = self._size_px
         level = NORMAL_LEVEL * gain * exposure_s / NORMAL_EXPOSURE_S
         picture = np.full((height, width), min(255, round(level)), np.uint8)
         side = width // _COLUMN_COUNT
         for row, instant_s in enumerate((start_s, end_s)):
-            bits = [round(instant_s * 1e6) >> bit & 1 for bit in range(_BIT_COUNT)]
-            squares = np.repeat(np.array(bits, np.uint8) * np.uint8(255), side)
+            digits = [round(instant_s * 1e6) >> bit & 1 for bit in range(_BIT_COUNT)]
+            squares = np.repeat(np.array(digits, np.uint8) * np.uint8(255), side)
             picture[row * side : (row + 1) * side, : _BIT_COUNT * side] = squares
-        return picture.astype(np.uint16) * np.uint16(257) if self._is_deep else picture
+        return picture.astype(np.uint16) * np.uint16(257) if is_deep else picture
 
 
 def read_clock_pattern(grey: npt.NDArray[np.uint8]) -> tuple[float, float]:

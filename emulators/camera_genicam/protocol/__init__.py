@@ -1,0 +1,1 @@
+"""GigE Vision on the wire: packets of control and stream, and where bootstrap registers are."""

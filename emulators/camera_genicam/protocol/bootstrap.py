@@ -1,0 +1,77 @@
+"""Places of the bootstrap registers, docs/protocols/gige_vision.md 3; all words are big-endian."""
+
+from typing import Final
+
+VERSION: Final = 0x0000
+DEVICE_MODE: Final = 0x0004
+MAC_HIGH: Final = 0x0008
+MAC_LOW: Final = 0x000C
+IP_SUPPORTED: Final = 0x0010
+IP_CURRENT: Final = 0x0014
+IP_ADDRESS: Final = 0x0024
+SUBNET_MASK: Final = 0x0034
+GATEWAY: Final = 0x0044
+MANUFACTURER_NAME: Final = 0x0048
+MODEL_NAME: Final = 0x0068
+DEVICE_VERSION: Final = 0x0088
+MANUFACTURER_INFO: Final = 0x00A8
+SERIAL_NUMBER: Final = 0x00D8
+USER_NAME: Final = 0x00E8
+DISCOVERY_BYTES: Final = 0x00F8  # the acknowledge of a discovery holds the registers up to here
+
+FIRST_URL: Final = 0x0200
+SECOND_URL: Final = 0x0400
+URL_BYTES: Final = 512
+INTERFACE_COUNT: Final = 0x0600
+LINK_SPEED: Final = 0x0670
+
+MESSAGE_CHANNEL_COUNT: Final = 0x0900
+STREAM_CHANNEL_COUNT: Final = 0x0904
+CAPABILITY: Final = 0x0934
+HEARTBEAT_TIMEOUT: Final = 0x0938
+TICK_FREQUENCY_HIGH: Final = 0x093C
+TICK_FREQUENCY_LOW: Final = 0x0940
+TIMESTAMP_CONTROL: Final = 0x0944
+TIMESTAMP_HIGH: Final = 0x0948
+TIMESTAMP_LOW: Final = 0x094C
+
+PRIVILEGE: Final = 0x0A00
+APPLICATION_PORT: Final = 0x0A04
+APPLICATION_ADDRESS: Final = 0x0A14
+
+STREAM_PORT: Final = 0x0D00
+STREAM_PACKET_SIZE: Final = 0x0D04
+STREAM_PACKET_DELAY: Final = 0x0D08
+STREAM_ADDRESS: Final = 0x0D18
+STREAM_SOURCE_PORT: Final = 0x0D1C
+
+# lengths of the texts [bytes]
+TEXT_BYTES: Final = {
+    MANUFACTURER_NAME: 32,
+    MODEL_NAME: 32,
+    DEVICE_VERSION: 32,
+    MANUFACTURER_INFO: 48,
+    SERIAL_NUMBER: 16,
+    USER_NAME: 16,
+    FIRST_URL: URL_BYTES,
+    SECOND_URL: URL_BYTES,
+}
+
+# bits of these registers
+MODE_BIG_ENDIAN_UTF8: Final = 0x8000_0001
+VERSION_1_2: Final = 0x0001_0002
+IP_PERSISTENT: Final = 1 << 0
+CAN_CONCATENATE: Final = 1 << 0
+CAN_WRITE_MEMORY: Final = 1 << 1
+CAN_RESEND: Final = 1 << 2
+CAN_TELL_APPLICATION: Final = 1 << 27
+CAN_TELL_LINK_SPEED: Final = 1 << 28
+HAS_SERIAL_NUMBER: Final = 1 << 30
+HAS_USER_NAME: Final = 1 << 31
+PRIVILEGE_EXCLUSIVE: Final = 1 << 0
+PRIVILEGE_CONTROL: Final = 1 << 1
+TIMESTAMP_RESET: Final = 1 << 0
+TIMESTAMP_LATCH: Final = 1 << 1
+FIRE_TEST_PACKET: Final = 1 << 31
+DO_NOT_FRAGMENT: Final = 1 << 30
+PACKET_SIZE_MASK: Final = 0xFFFF
