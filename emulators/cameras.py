@@ -132,7 +132,7 @@ class Cameras:
             elif driver == _GENICAM:
                 view = _GenicamView(desk, number)
                 sensor = Sensor(layout.width_px, layout.height_px, layout.fps)
-                named = GenicamConfig(sensor=sensor, serial=f"E{number + 1:04d}", user_name=name)
+                named = GenicamConfig(sensor=sensor, user_name=name)
                 device = GenicamDevice(view, clock, named, seed + number)
                 self._genicam[name] = view.device = device
             else:

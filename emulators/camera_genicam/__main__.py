@@ -36,7 +36,7 @@ def _parser() -> argparse.ArgumentParser:
 def _camera(args: argparse.Namespace, clock: WorldClock, number: int, name: str) -> GenicamDevice:
     sensor = Sensor(args.width, args.height, args.rate)
     pattern = ClockPattern((args.width, args.height), delay_wall_s=args.delay)
-    config = CameraConfig(sensor=sensor, serial=f"E{number:04d}", user_name=name)
+    config = CameraConfig(sensor=sensor, user_name=name)
     device = GenicamDevice(pattern, clock, config, seed=number)
     pattern.connect(device.deliver)
     return device

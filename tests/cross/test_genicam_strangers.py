@@ -22,6 +22,9 @@ from emu_genicam_process import genicam_cameras
 from emulators.clock_pattern import NORMAL_EXPOSURE_S, NORMAL_LEVEL, read_clock_pattern
 
 PATIENCE_S = 300.0
+# A frame of 16 bits is 70 packets, of which a client's socket holds some 90: none is lost because
+# a busy machine lets the client wait.
+SMALL = ("--width=320", "--height=160", "--rate=10")
 LIBRARY = library()
 needs_aravis = pytest.mark.skipif(LIBRARY is None, reason="libaravis-0.8 is not installed")
 
@@ -32,7 +35,7 @@ def program(name: str) -> pytest.MarkDecorator:
 
 @pytest.fixture(scope="module")
 def cameras() -> Iterator[CameraProcess]:
-    with genicam_cameras("overhead", "inspection", "--rate=20") as process:
+    with genicam_cameras("overhead", "inspection", *SMALL) as process:
         yield process
 
 
@@ -63,11 +66,11 @@ def counts(text: str) -> dict[str, int]:
 @program("arv-tool-0.8")
 def test_arv_tool_reads_and_sets_features(overhead: str) -> None:
     out = said(
-        *("arv-tool-0.8", "-a", overhead, "control", "DeviceUserID", "Width=640", "PixelFormat"),
-        *("GevCCP", "TimestampLatch=", "TimestampLatchValue", "Width=1280"),
+        *("arv-tool-0.8", "-a", overhead, "control", "DeviceUserID", "Width=128", "PixelFormat"),
+        *("GevCCP", "TimestampLatch=", "TimestampLatchValue", "Width=320"),
     )
     assert "DeviceUserID = overhead" in out
-    assert "Width = 640" in out
+    assert "Width = 128" in out
     assert "PixelFormat = Mono8" in out
     assert "GevCCP = ControlAccess" in out
     latched = re.search(r"TimestampLatchValue = (\d+)", out)
@@ -78,8 +81,14 @@ def test_arv_tool_reads_and_sets_features(overhead: str) -> None:
 @program("arv-tool-0.8")
 def test_arv_tool_finds_every_camera_that_is_plugged_in(cameras: CameraProcess) -> None:
     out = said("arv-tool-0.8")
-    for number, name in enumerate(("overhead", "inspection"), start=1):
-        assert f"Emulated-EG-1-E000{number} ({cameras[name]})" in out
+    for name in ("overhead", "inspection"):
+        last = int(cameras[name].rpartition(".")[2])
+        assert f"Emulated-EG-1-E{last:06} ({cameras[name]})" in out
+    cameras.tell(unplug="inspection")
+    out = said("arv-tool-0.8")
+    cameras.tell(plug="inspection")
+    assert cameras["overhead"] in out
+    assert cameras["inspection"] not in out
 
 
 FREE_RUN = ("--features", "TriggerMode=Off")  # a camera keeps what the client before has set
@@ -88,10 +97,10 @@ FREE_RUN = ("--features", "TriggerMode=Off")  # a camera keeps what the client b
 @program("arv-camera-test-0.8")
 @pytest.mark.parametrize("options", [FREE_RUN, ("-i", "8000", *FREE_RUN), ("-o", "10")])
 def test_arv_camera_test_gets_every_frame_whole(overhead: str, options: tuple[str, ...]) -> None:
-    size = ("-w", "640", "-h", "480", "--duration", "2")
+    size = ("-w", "320", "-h", "160", "--duration", "2")
     count = counts(said("arv-camera-test-0.8", "-n", overhead, *size, *options))
     assert count["n_completed_buffers"] >= 5
-    losses = ("n_failures", "n_underruns", "n_error_packets", "n_size_mismatch_errors")
+    losses = ("n_failures", "n_error_packets", "n_size_mismatch_errors")
     assert {name: count[name] for name in losses} == dict.fromkeys(losses, 0)
 
 
@@ -99,9 +108,9 @@ def test_arv_camera_test_gets_every_frame_whole(overhead: str, options: tuple[st
 def test_packets_that_a_cable_loses_are_asked_for_again(
     cameras: CameraProcess, overhead: str
 ) -> None:
-    cameras.tell(faults="overhead", lost_per_thousand=10)
+    cameras.tell(faults="overhead", lost_per_thousand=50)
     try:
-        size = ("-w", "640", "-h", "480", "--duration", "2")
+        size = ("-w", "320", "-h", "160", "--duration", "3")
         count = counts(said("arv-camera-test-0.8", "-n", overhead, *size, *FREE_RUN))
     finally:
         cameras.tell(faults="overhead", lost_per_thousand=0)
@@ -131,7 +140,7 @@ def test_each_trigger_brings_one_frame_exposed_after_it(
             start_s, end_s = read_clock_pattern(grey)
             assert start_s >= ends_s[-1]  # no light from before the trigger
             assert end_s - start_s == pytest.approx(NORMAL_EXPOSURE_S, abs=2e-6)
-            assert grey[900, 640] == pytest.approx(NORMAL_LEVEL, abs=1)
+            assert grey[150, 160] == pytest.approx(NORMAL_LEVEL, abs=1)
             ends_s.append(end_s)
             numbers.append(shot.number)
         assert numbers == list(range(numbers[0], numbers[0] + 5))
@@ -143,13 +152,13 @@ def test_lost_packets_are_resent_into_a_whole_frame(
     cameras: CameraProcess, lib: ctypes.CDLL, overhead: str
 ) -> None:
     with opened(lib, overhead) as camera:
-        camera.steady(**SOFTWARE)
+        camera.steady(GevSCPSPacketSize=1500, **SOFTWARE)
         camera.start()
         whole = camera.triggered()
         cameras.tell(faults="overhead", lost_packet_count=7)
         again = camera.triggered()
         assert (whole.status, again.status) == (SUCCESS, SUCCESS)
-        assert np.array_equal(whole.picture[100:], again.picture[100:])
+        assert np.array_equal(whole.picture[10:], again.picture[10:])
         assert camera.resends() >= 7
 
 
@@ -184,10 +193,10 @@ def test_a_camera_that_another_client_controls_takes_no_settings(
     lib: ctypes.CDLL, overhead: str
 ) -> None:
     with opened(lib, overhead) as first, opened(lib, overhead) as second:
-        first.set(Height=480)
+        first.set(Height=96)
         with pytest.raises(AravisError, match="access-denied"):
-            second.set(Height=512)
-        assert second.number("Height") == 480
+            second.set(Height=128)
+        assert second.number("Height") == 96
         assert second.number("GevPrimaryApplicationIPAddress") == 0x7F000001
 
 
@@ -236,7 +245,10 @@ def test_a_client_on_the_wall_clock_keeps_control_of_a_cell_at_ten_times_the_spe
 ) -> None:
     # ten frames of 0.5 s of exposure at ten times the speed: more of the cell's time than a
     # heartbeat time-out, less of the wall clock's
-    with genicam_cameras("overhead", "--speed=10") as fast, opened(lib, fast["overhead"]) as camera:
+    with (
+        genicam_cameras("overhead", "--speed=10", *SMALL) as fast,
+        opened(lib, fast["overhead"]) as camera,
+    ):
         camera.steady(ExposureTime=500_000.0, **SOFTWARE)
         camera.start()
         stamps = [camera.triggered().timestamp_ns for _ in range(10)]

@@ -39,12 +39,11 @@ class CameraConfig:
     Attributes
     ----------
     sensor : its size and rate
-    model, serial, user_name : how it identifies itself
+    model, user_name : how it identifies itself, besides a serial number made of its address
     """
 
     sensor: Sensor
     model: str = "EG-1"
-    serial: str = "E0001"
     user_name: str = ""
 
 
@@ -128,7 +127,8 @@ class GenicamDevice:
             boot.MODEL_NAME: config.model,
             boot.DEVICE_VERSION: "1",
             boot.MANUFACTURER_INFO: "GigE Vision camera of an emulated cell",
-            boot.SERIAL_NUMBER: config.serial,
+            # no two cameras have one number, those of other emulators on the machine included
+            boot.SERIAL_NUMBER: f"E{host & 0xFF_FFFF:06}",
             boot.USER_NAME: config.user_name,
             boot.FIRST_URL: url,
         }
