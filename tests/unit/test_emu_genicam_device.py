@@ -326,7 +326,12 @@ def test_without_trigger_mode_frames_come_at_the_rate_and_lost_ones_are_counted(
 
 @pytest.mark.parametrize(
     ("pixel_format", "bits", "shift"),
-    [(PixelFormat.Mono8, 8, 0), (PixelFormat.Mono12, 16, 4), (PixelFormat.Mono16, 16, 0)],
+    [
+        (PixelFormat.Mono8, 8, 0),
+        (PixelFormat.Mono10, 16, 6),
+        (PixelFormat.Mono12, 16, 4),
+        (PixelFormat.Mono16, 16, 0),
+    ],
 )
 def test_depth_is_that_of_the_pixel_format(
     bench: Bench, pixel_format: PixelFormat, bits: int, shift: int

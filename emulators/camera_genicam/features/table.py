@@ -26,6 +26,7 @@ class PixelFormat(IntEnum):
     """Numbers of PFNC; above 8 bits a pixel has two bytes, the lower one first."""
 
     Mono8 = 0x0108_0001
+    Mono10 = 0x0110_0003
     Mono12 = 0x0110_0005
     Mono16 = 0x0110_0007
 
@@ -37,7 +38,7 @@ class PixelFormat(IntEnum):
     @property
     def depth_bits(self) -> int:
         """Bits of a pixel that mean something."""
-        return {PixelFormat.Mono8: 8, PixelFormat.Mono12: 12, PixelFormat.Mono16: 16}[self]
+        return int(self.name.removeprefix("Mono"))
 
 
 class Kind(Enum):
