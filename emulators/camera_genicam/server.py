@@ -90,9 +90,17 @@ class GenicamServer:
         self._cameras[name].device.unplug()
 
     def plug(self, name: str) -> str:
-        """Put an unplugged camera back; return its address."""
-        self._cameras[name].device.plug()
-        return self._cameras[name].host
+        """Put an unplugged camera back; return its address.
+
+        Raises
+        ------
+        ValueError : it is plugged in
+        """
+        camera = self._cameras[name]
+        if camera.device.is_plugged:
+            raise ValueError(f"{name} is plugged in")
+        camera.device.plug()
+        return camera.host
 
     async def aclose(self) -> None:
         """Close the sockets."""

@@ -172,6 +172,8 @@ async def test_cameras_of_both_kinds_stand_in_one_cell(tmp_path: Path) -> None:
         assert "inspection" not in cameras.addresses
         assert not cameras.devices["inspection"].is_plugged
         assert cameras.plug("inspection") == address
+        with pytest.raises(ValueError, match="plugged in"):
+            cameras.plug("inspection")
     finally:
         await cameras.aclose()
 
