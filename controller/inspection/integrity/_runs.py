@@ -88,8 +88,8 @@ def find_runs(
     known = np.flatnonzero(np.isfinite(off_px))
     if len(known) < 3:
         return []
-    # A face that shows over less than blur reaches, as in a jog at a corner, has no outline of its own:
-    # along its normal another face's is met.
+    # A face that shows over less than blur reaches, as in a jog at a corner, has no outline of its
+    # own: along its normal another face's is met.
     known = known[_count(_beside(cKDTree(at_px[known]), normals[known], WINDOWS_PX[0])) > 1]
     if len(known) < 3:
         return []
