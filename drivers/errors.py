@@ -39,6 +39,10 @@ class WrongDeviceError(DeviceError):
     """A device answers at this address, but not the one that belongs there."""
 
 
+class NoLibraryError(DeviceError):
+    """A library of this computer that the driver needs is missing or too old: install it."""
+
+
 class RefusedError(DeviceError):
     """Understood, and answered no.
 

@@ -37,7 +37,12 @@ GROUPS = {
         "cross/test_examples",
         "unit/test_emu_world_app",
     ),
-    "wires": ("cross/", "unit/test_emu_camera", "unit/test_conformance_plugin"),
+    "wires": (
+        "cross/",
+        "unit/test_emu_camera",
+        "unit/test_camera_genicam_wire",
+        "unit/test_conformance_plugin",
+    ),
 }
 
 

@@ -66,7 +66,7 @@ def _size(capture: Capture) -> Size:
     return Size(
         capture.width,
         capture.height,
-        allows_8_bits=any(one != "Y16" for one in capture.formats),
+        allows_8_bits=any(one in ("GREY", "YUYV", "MJPG") for one in capture.formats),
         allows_16_bits="Y16" in capture.formats,
     )
 

@@ -59,4 +59,4 @@ def _build(site: Site, _: NoSettings) -> Camera:
     return Camera(config, clock=site.clock, wires=site.wires, name=site.name)
 
 
-DRIVER: Driver[kinds.Camera, NoSettings] = Driver(NoSettings, _build)
+DRIVER: Driver[kinds.Camera, NoSettings] = Driver(NoSettings, _build, node_group="video")

@@ -20,6 +20,7 @@ from drivers.errors import (
     ReplyTimeoutError,
     UnpluggedError,
 )
+from drivers.tallies import tally_words
 from drivers.wires import UNTAPPED, Wires
 
 from .capture import (
@@ -272,7 +273,7 @@ class Camera:
             except TimeoutError as error:
                 raise ReplyTimeoutError(
                     f"camera {self._config.device}: no frame exposed after {t_s:.3f} s within "
-                    f"{timeout_s:.3f} s: {_tally_words(before, self._stats)}"
+                    f"{timeout_s:.3f} s: {tally_words(before, self._stats)}"
                 ) from error
 
     async def _first_frame(self, capture: CaptureSession, t_s: float) -> Frame:
@@ -357,13 +358,3 @@ class Camera:
         worker.shutdown(wait=False)
         await asyncio.shield(asyncio.wrap_future(closing))
         worker.shutdown(wait=True)  # the thread has nothing left to do
-
-
-def _tally_words(before: CameraStats, after: CameraStats) -> str:
-    """Return in words the frames that arrived between two tallies."""
-    seen = [
-        f"{count} {field.name.removesuffix('_count')}"
-        for field in dataclasses.fields(CameraStats)
-        if (count := getattr(after, field.name) - getattr(before, field.name))
-    ]
-    return ", ".join(seen) if seen else "no frame came at all"

@@ -53,5 +53,5 @@ def _max_force_n(_: RobotiqSettings) -> float:
 
 
 DRIVER: Driver[FixedGripper, RobotiqSettings] = Driver(
-    RobotiqSettings, _build, max_force_n=_max_force_n
+    RobotiqSettings, _build, max_force_n=_max_force_n, node_group="dialout"
 )

@@ -38,4 +38,6 @@ def _max_force_n(settings: RgSettings) -> float:
     return MODELS[settings.model].max_force_n
 
 
-DRIVER: Driver[FixedGripper, RgSettings] = Driver(RgSettings, _build, max_force_n=_max_force_n)
+DRIVER: Driver[FixedGripper, RgSettings] = Driver(
+    RgSettings, _build, max_force_n=_max_force_n, node_group="dialout"
+)

@@ -69,8 +69,12 @@ def _build(site: Site, settings: MoxaSettings, model: str, channel_count: int) -
 
 
 DRIVER: Driver[IoBlock, MoxaSettings] = Driver(
-    MoxaSettings, lambda site, settings: _build(site, settings, "E1214", E1214_COUNT)
+    MoxaSettings,
+    lambda site, settings: _build(site, settings, "E1214", E1214_COUNT),
+    node_group="dialout",
 )
 E1212_DRIVER: Driver[IoBlock, MoxaSettings] = Driver(
-    MoxaSettings, lambda site, settings: _build(site, settings, "E1212", E1212_COUNT)
+    MoxaSettings,
+    lambda site, settings: _build(site, settings, "E1212", E1212_COUNT),
+    node_group="dialout",
 )

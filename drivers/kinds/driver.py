@@ -90,12 +90,19 @@ class Driver(Generic[Device, Settings]):
         devices it goes by their clock, at whatever speed
     max_force_n : largest force of a gripper: how hard it presses at the most [N], given its
         settings; None where the driver does not state it
+    node_group : group whose members may open its device, where the address is a device node;
+        empty where it is anything else
+    needs : returns what the driver needs of this computer beside Python, such as a library and its
+        version; raises a `DeviceError` that says what to install where it is missing. None where it
+        needs nothing
     """
 
     settings: type[Settings]
     build: Callable[[Site, Settings], Device]
     keeps_cell_time: bool = field(default=False, kw_only=True)
     max_force_n: Callable[[Settings], float] | None = field(default=None, kw_only=True)
+    node_group: str = field(default="", kw_only=True)
+    needs: Callable[[], str] | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True)

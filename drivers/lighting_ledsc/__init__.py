@@ -53,4 +53,4 @@ def _build(site: Site, settings: LedscSettings) -> LedscLights:
     return LedscLights(site.open_link(), lamps, settings.units)
 
 
-DRIVER: Driver[LampUnit, LedscSettings] = Driver(LedscSettings, _build)
+DRIVER: Driver[LampUnit, LedscSettings] = Driver(LedscSettings, _build, node_group="dialout")

@@ -32,4 +32,4 @@ def _build(site: Site, _: NoSettings) -> Lights:
     return Lights(site.open_link(), config)
 
 
-DRIVER: Driver[LampUnit, NoSettings] = Driver(NoSettings, _build)
+DRIVER: Driver[LampUnit, NoSettings] = Driver(NoSettings, _build, node_group="dialout")

@@ -203,7 +203,7 @@ def _built(
     return UmiScara(opens, config=config, clock=site.clock, trace=trace, tap=tap, line=line)
 
 
-DRIVER: Driver[Arm, UmiSettings] = Driver(UmiSettings, _build)
+DRIVER: Driver[Arm, UmiSettings] = Driver(UmiSettings, _build, node_group="dialout")
 RECORDED_DRIVER: Driver[Arm, UmiSettings] = Driver(
     UmiSettings, _build_recorded, keeps_cell_time=True
 )

@@ -63,6 +63,22 @@ class Camera:
     async def resume(self) -> None: ...
 
 
+class DeepCamera(Camera):
+    """A camera with 12 bits a pixel: black, the two levels about the middle of a grey, white."""
+
+    async def frame_after(self, t_s: float, timeout_s: float) -> Any:
+        levels = np.array([[0, 2047, 2055, 4095]], np.uint16)
+        return SimpleNamespace(image=levels, white=4095)
+
+
+async def test_a_picture_of_12_bits_is_scaled_by_its_white_and_rounded(tmp_path: Path) -> None:
+    lamps: Any = Lamps()
+    cameras: Any = {"overhead": DeepCamera()}
+    image = await Imaging(lamps, cameras, frozenset(), tmp_path).shoot("overhead", {"ring": 1.0})
+    # 2047 * 255 / 4095 = 127.47, 2055 * 255 / 4095 = 127.97
+    assert (image.dtype, image.tolist()) == (np.uint8, [[0, 127, 128, 255]])
+
+
 class Lamps:
     names = ("ring",)
 

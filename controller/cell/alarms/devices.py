@@ -147,6 +147,12 @@ DEVICES: Final = (
         "press the emergency stop if anything moves; check its cable and power",
     ),
     Alarm(
+        312, "no_library", _REFUSED, "device",
+        "a library of this computer that the device's driver needs is missing",
+        "nothing: no command was sent",
+        "install what the message names; `cellctl doctor` shows it",
+    ),
+    Alarm(
         320, "stall", _ABORT, _ARM,
         "an axis stopped elsewhere than ordered: it may have hit something",
         "the obstacle, and whether the part is still held as before",

@@ -85,7 +85,7 @@ class Imaging:
             )
         image = frame.image
         if image.dtype != np.uint8:
-            image = (image.astype(np.float32) * (255.0 / frame.white)).astype(np.uint8)
+            image = np.rint(image.astype(np.float32) * (255.0 / frame.white)).astype(np.uint8)
         return np.ascontiguousarray(image)
 
     async def _take(self, camera: CameraName, lit_at_s: float) -> Frame:

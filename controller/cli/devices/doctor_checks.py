@@ -19,7 +19,7 @@ from controller.cell.devices.interlocks import REQUIRED_SIGNALS, settled_signal
 from controller.cell.devices.lock import hold_cell
 from controller.cell.journal import JOURNAL_NAME, why_not_there
 from controller.config import Cell, ConfigError, load_cell
-from controller.setup.drivers import require_drivers
+from controller.setup.drivers import KIND_OF, find_driver, require_drivers
 from drivers.errors import DeviceError
 from drivers.kinds import IoBlock, MotorWatchdog, Signal
 
@@ -135,7 +135,7 @@ def machine_checks(cell: Cell, runs_dir: Path) -> list[Check]:
     cell : its devices' files are looked at
     runs_dir : folder of the journal
     """
-    return [*_machine(), _journal(runs_dir), *_permissions(cell)]
+    return [*_machine(), _journal(runs_dir), *_drivers_needs(cell), *_permissions(cell)]
 
 
 def _journal(runs_dir: Path) -> Check:
@@ -165,15 +165,31 @@ def _machine() -> list[Check]:
     return checks
 
 
+def _drivers_needs(cell: Cell) -> list[Check]:
+    """Return whether what the drivers need of this computer is installed."""
+    checks = []
+    for name, kind in KIND_OF.items():
+        driver = getattr(cell.devices, name).driver
+        needs = find_driver(kind, driver).needs
+        if needs is None:
+            continue
+        try:
+            checks.append(_check(f"{name} driver needs", f"{driver}: {needs()}", ok=True))
+        except DeviceError as error:
+            remedy = "install it, or name another driver in the cell file"
+            checks.append(_check(f"{name} driver needs", str(error), ok=False, remedy=remedy))
+    return checks
+
+
 def _permissions(cell: Cell) -> list[Check]:
     checks = []
-    for name in ("arm", "overhead", "inspection"):
-        address = getattr(cell.devices, name).address
-        if not address.startswith("/"):
+    for name, kind in KIND_OF.items():
+        section = getattr(cell.devices, name)
+        address, group = section.address, find_driver(kind, section.driver).node_group
+        if not group or not address.startswith("/"):
             continue
         there = Path(address).exists()
         allowed = there and os.access(address, os.R_OK | os.W_OK)
-        group = "dialout" if name == "arm" else "video"
         checks.append(
             _check(
                 f"{name} permission",

@@ -30,7 +30,8 @@ class CameraSection(Section):
     centre_px : principal point; 0, 0 is the middle of the first pixel
     distortion : k1, k2, p1, p2, k3 of OpenCV's model
     exposure_s, fps : exposure and pictures a second that the camera is set to
-    formats : pixel formats to ask for, the first that the camera has
+    formats : pixel formats to ask for, the first that the camera has; grey with 8, 10, 12 or 16
+        bits is GREY, Y10, Y12, Y16
     settle_frames : frames discarded after the stream starts
     margin_s : largest error of a frame's time stamp; None for the driver's own figure
     calibrated : date of the calibration; reports state it
@@ -44,7 +45,11 @@ class CameraSection(Section):
     pose: Pose
     exposure_s: float = Field(0.01, gt=0, le=1)
     fps: float = Field(10, gt=0, le=240)
-    formats: tuple[Literal["GREY", "YUYV", "MJPG", "Y16"], ...] = ("GREY", "YUYV", "MJPG")
+    formats: tuple[Literal["GREY", "YUYV", "MJPG", "Y10", "Y12", "Y16"], ...] = (
+        "GREY",
+        "YUYV",
+        "MJPG",
+    )
     settle_frames: int = Field(3, ge=0, le=30)
     margin_s: float | None = Field(None, ge=0, le=1)
     calibrated: date | None = None
