@@ -79,6 +79,31 @@ def test_replies_are_read() -> None:
     assert decode_text(package("text").payload) == GOLDEN["text"]["words"]
 
 
+def test_the_frames_of_the_other_reading_are_the_same() -> None:
+    other = tomllib.loads((HERE / "universal_robots.toml").read_text(encoding="utf-8"))
+    sessions = {one["name"]: one for one in other["session"]}
+    joints = sessions["joints at 125 Hz"]
+    version, outputs, start = joints["exchange"]
+    assert encode_version() == bytes.fromhex(version["request"])
+    names = ("timestamp", "actual_q")
+    assert encode_outputs(125.0, names) == bytes.fromhex(outputs["request"])
+    assert encode_request(PackageType.START) == bytes.fromhex(start["request"])
+    (reply,) = PackageReader().feed(bytes.fromhex(outputs["reply"]))
+    (data,) = PackageReader().feed(bytes.fromhex(joints["data"]))
+    assert decode_recipe(reply.payload, names).unpack(data.payload) == {
+        "timestamp": 1.0,
+        "actual_q": tuple(joints["state"]["q_rad"]),
+    }
+    modes = ("robot_mode", "safety_mode", "runtime_state", "speed_scaling")
+    running = sessions["modes of an arm that runs"]
+    assert encode_outputs(500.0, modes) == bytes.fromhex(running["exchange"][1]["request"])
+    (reply,) = PackageReader().feed(bytes.fromhex(running["exchange"][1]["reply"]))
+    (data,) = PackageReader().feed(bytes.fromhex(running["data"]))
+    assert decode_recipe(reply.payload, modes).unpack(data.payload) == dict(
+        zip(modes, (7, 1, 1, 1.0), strict=True)
+    )
+
+
 @given(cuts=st.lists(st.integers(0, 62), max_size=6))
 def test_packages_are_found_wherever_the_stream_is_cut(cuts: list[int]) -> None:
     stream = frame("version") + frame("controller") + frame("data") + frame("text") + b"\x00"
