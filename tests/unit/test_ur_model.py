@@ -280,9 +280,7 @@ def test_planning_takes_the_model_and_finds_its_plans_again() -> None:
     assert digest_of(described.model) == digest_of(describe(shape()).model)
     assert digest_of(described.model) != digest_of(describe(shape(jaws_deg=0.0)).model)
     assert described.model.joint_names[0] == "base_rad"
-    # it homes where it stands
-    (phase,) = described.model.homing_sweep(np.full(6, -0.1), np.full(6, 0.2))
-    np.testing.assert_array_equal((phase.low, phase.high), ([-0.1] * 6, [0.2] * 6))
+    assert described.model.homing_sweep(np.zeros(6), np.zeros(6)) == ()
 
 
 def test_drawn_postures_hang_the_tool_straight_down() -> None:

@@ -254,8 +254,8 @@ class UrModel:
         return np.asarray(q[:, None] + share * (_detours.drawn(q) - q)[:, None])
 
     def homing_sweep(self, low: Floats, high: Floats) -> Sequence[SweepPhase]:
-        """Return where it stands: its encoders are absolute, and only the jaws press."""
-        return (SweepPhase("the jaws press", np.array(low), np.array(high), np.eye(6)),)
+        """Return nothing: its encoders are absolute, and it homes by no motion of a joint."""
+        return ()
 
     def move_sweep(self, q_from: Floats, q_to: Floats) -> SweepPhase:
         """Return the joints swept by one move, whether or not its joints keep step."""
