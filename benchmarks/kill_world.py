@@ -85,10 +85,11 @@ def kill_world(
     speed: float,
     more: Sequence[str] = (),
     io_settings: str = "",
+    drawing: Path = EMULATED,
 ) -> Iterator[KillWorld]:
-    """Bring up the emulated cell by itself, with a cell file that names its addresses."""
+    """Bring up an emulated cell by itself, with a cell file that names its addresses."""
     control, drawn = folder / "control.sock", folder / "drawn.yaml"
-    text = EMULATED.read_text()
+    text = drawing.read_text()
     if io_settings:
         head, _, rest = text.partition("\n  io:")
         text = f"{head}\n  io:{rest.replace('}', f', settings: {io_settings}}}', 1)}"
@@ -122,7 +123,7 @@ def with_addresses(text: str, devices: dict[str, Any]) -> str:
     for name, where in devices.items():
         address = where if isinstance(where, str) else f"{where['host']}:{where['port']}"
         text, count = re.subn(
-            rf"(\n  {name}:\s+\{{address: )emulated", rf"\g<1>{address}", text, count=1
+            rf"(\n  {name}:\s+\{{[^}}]*?address: )emulated", rf"\g<1>{address}", text, count=1
         )
         assert count == 1, name
     return text

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.added import AddedParts
+from emulators.arms import RtxArm, make_arm
 from emulators.as_built import as_drawn, draw_as_built
 from emulators.cameras import Cameras
 from emulators.clock import SharedClock, WorldClock
@@ -34,7 +35,6 @@ from emulators.modbus import (
 )
 from emulators.reaping import reap
 from emulators.tcp_listener import TcpListener
-from emulators.umi_scara import ArmModel, ArmServer, ArmWire, Axis
 from emulators.world import (
     MAX_REST_OFF_RAD,
     PictureDesk,
@@ -162,8 +162,8 @@ class Cell:
         self._feed_left = [*options.feed, *[0] * len(options.parts)][: len(options.parts)]
         self._feed_rng = np.random.default_rng([options.seed, FEED_STREAM])
         seed = options.seed
-        self.arm = ArmModel(seed, self.as_built.arm)
-        self.arm_wire = ArmWire(self.arm)
+        self.arm_unit = make_arm(drawn.arm.shape, self.as_built.arm, seed)
+        self.arm = self.arm_unit.body
         self._fixed = make_fixed_gripper(
             self.layout.drivers.get("gripper"), self.as_built.fixed_jaws
         )
@@ -189,7 +189,8 @@ class Cell:
         self._steppable: list[Steppable] = [*self._lamp_unit.steppable, self.io]
         self._steppable += list(self.lamps.values())
         jaws = _FixedJaws(self.gripper)
-        self.world = World(self.layout, self.solids, self.arm, jaws, self._obstruct, seed)
+        obstruct = self.arm_unit.obstruct
+        self.world = World(self.layout, self.solids, self.arm, jaws, obstruct, seed)
         self._drop_parts(options)
         scene = build_scene(self.layout, self.solids, options.finish_seed)
         self.desk = PictureDesk(scene, self, seed, reap)
@@ -211,8 +212,17 @@ class Cell:
         self.faults = Verbs(self)
         self._open: list[Any] = []
 
-    def _obstruct(self, motor: str, direction: int, blocked: bool) -> None:
-        self.arm.obstruct(Axis(motor), direction, blocked)
+    @property
+    def rtx(self) -> RtxArm:
+        """Its UMI RTX.
+
+        Raises
+        ------
+        ValueError : this cell has another arm
+        """
+        if not isinstance(self.arm_unit, RtxArm):
+            raise ValueError("the arm of this cell is no UMI RTX")
+        return self.arm_unit
 
     def _drop_parts(self, options: CellOptions) -> None:
         if options.is_empty:
@@ -294,9 +304,8 @@ class Cell:
         # the clock starts once the slow work is done and the parts are at rest
         if self._shared_clock is not None:
             self._shared_clock.begin()
-        self.arm_server = ArmServer(self.arm_wire, self.clock)
-        await self.arm_server.start()
-        self._open.append(self.arm_server)
+        self._open.append(self.arm_unit)
+        await self.arm_unit.start(self.clock)
         await self._start_lines()
         self._open.append(self._cameras)
         await self._cameras.start(self._folder / "cameras", self.options.camera_transport)
@@ -360,7 +369,7 @@ class Cell:
             "seed": self.options.seed,
             "as_drawn": self.options.as_built is None,
             "devices": {
-                "arm": str(self.arm_server.path),
+                "arm": self.arm_unit.address,
                 "gripper": {**self._where(self.gripper_line), "unit": self.gripper.unit},
                 "lights": {**lights, "analog_unit": ANALOG_UNIT, "relay_unit": RELAY_UNIT},
                 "io": {"transport": "tcp", "host": host, "port": port, "unit": IO_UNIT},

@@ -186,7 +186,7 @@ class SimulatedCell:
         self._lay()
         await self.cell.start_in_process(self.plugs)
         self.plugs.cameras = self.cell.cameras
-        self.arm_line = ArmLine(self.cell.arm_wire, self.loop, clock.now_s)
+        self.arm_line = ArmLine(self.cell.rtx.wire, self.loop, clock.now_s)
         self.arm_line.before_request = self.catch_up
         self.cell_path = self.folder / "cell.yaml"
         self.cell_path.write_text(self._cell_text(), encoding="utf-8")

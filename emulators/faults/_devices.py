@@ -43,26 +43,26 @@ class DevicesAndWires:
     # --- the arm --------------------------------------------------------------------------------
 
     def _arm_line(self, **faults: Any) -> None:  # noqa: ANN401  (checked by `_set`)
-        _set(self._plant.arm_wire.faults, faults)
+        _set(self._plant.rtx.wire.faults, faults)
 
     def _arm_ip(self, ip: int, what: str = "restart") -> None:
-        wire = self._plant.arm_wire
+        wire = self._plant.rtx.wire
         {"restart": wire.restart, "kill": wire.kill, "revive": wire.revive}[what](ip)
 
     def _arm_jam(self, axis: str, *, jammed: bool = True) -> None:
-        self._plant.arm.jam(Axis(axis), jammed)
+        self._plant.rtx.body.jam(Axis(axis), jammed)
 
     def _arm_jump(self, axis: str, counts: float) -> None:
-        self._plant.arm.jump(Axis(axis), counts)
+        self._plant.rtx.body.jump(Axis(axis), counts)
 
     def _arm_push(self, axis: str, counts: float) -> None:
-        self._plant.arm.push(Axis(axis), counts)
+        self._plant.rtx.body.push(Axis(axis), counts)
 
     def _arm_stops(self) -> Answer:
         """Return the stops that the arm's boards have heard, and its motors' losses of supply."""
         plant = self._plant
         return {
-            "stops": [asdict(stop) for stop in plant.arm_wire.stops],
+            "stops": [asdict(stop) for stop in plant.rtx.wire.stops],
             "supply": [asdict(change) for change in plant.supply_changes],
         }
 
@@ -113,7 +113,7 @@ class DevicesAndWires:
         noise.harms = tuple(Harm(one) for one in harms) if harms else tuple(Harm)
 
     def _noise_of(self, *, is_from: bool) -> LineNoise:
-        wire = self._plant.arm_wire
+        wire = self._plant.rtx.wire
         return wire.from_arm if is_from else wire.to_arm
 
     def _line(self, device: str, **faults: Any) -> None:  # noqa: ANN401  (checked by `_set`)
@@ -180,7 +180,7 @@ class DevicesAndWires:
                 plant.camera_plugs.plug(device)
         else:
             powered: dict[str, Any] = {
-                "arm": plant.arm_wire,
+                "arm": plant.arm_unit,
                 "gripper": plant.gripper,
                 "io": plant.io,
                 **plant.lamp_modules,

@@ -48,7 +48,7 @@ class Wear:
         """Set the play of a motor's gear from now on."""
         if deg < 0.0:
             raise ValueError(f"a play of {deg} deg")
-        arm, motor = self._plant.arm, Axis(axis)
+        arm, motor = self._plant.rtx.body, Axis(axis)
         if motor not in COUNTS_PER_DEG:
             raise ValueError(
                 f"{axis} does not turn: {', '.join(one.value for one in COUNTS_PER_DEG)}"
@@ -58,7 +58,7 @@ class Wear:
 
     def _pads(self, thinner_mm: float) -> None:
         """Make both pads of the arm's gripper thinner by an amount each, from now on."""
-        arm = self._plant.arm
+        arm = self._plant.rtx.body
         if not math.isfinite(thinner_mm):
             raise ValueError(f"pads thinner by {thinner_mm} mm")
         zero_mm = arm.errors.jaw_zero_mm + 2.0 * thinner_mm

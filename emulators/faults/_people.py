@@ -50,7 +50,7 @@ class PeopleAndParts:
     def _estop(self, *, pressed: bool = True) -> None:
         if pressed:
             self._plant.signals.press_estop()
-            self._plant.arm.press_estop()
+            self._plant.arm_unit.body.press_estop()
         else:
             self._plant.signals.release_estop()
 
@@ -58,7 +58,7 @@ class PeopleAndParts:
         signals = self._plant.signals
         signals.reset()
         if signals.is_estop_chain_ok:
-            self._plant.arm.release_estop()
+            self._plant.arm_unit.body.release_estop()
         return {"chain_ok": signals.is_estop_chain_ok}
 
     def _door(self, *, closed: bool = False) -> None:
@@ -141,7 +141,7 @@ class PeopleAndParts:
     def _guide(
         self, tray: str | None = None, corner: Sequence[int] = (1, 1), seed: int = 0
     ) -> None:
-        arm, layout = self._plant.arm, self._plant.world.layout
+        arm, layout = self._plant.rtx.body, self._plant.world.layout
         along_x, along_y = corner
         at_mm = tcp_of(arm, layout)
         guide(arm, layout, aimed_at(layout, at_mm, tray, (along_x, along_y), seed))

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.added import AddedParts
+from emulators.arms import EmulatedArm, RtxArm
 from emulators.gripper_modbus import JawModel
 from emulators.io_modbus import CellSignals, E1214Device
 from emulators.lamp_units import LampModule
 from emulators.lighting_modbus import LampModel
 from emulators.modbus import Bus
-from emulators.umi_scara import ArmModel, ArmWire
 from emulators.world import World
 
 
@@ -98,8 +98,7 @@ class Plant(Protocol):
     networks : the lines ``gripper``, ``lights`` and ``io`` that are connections, not cables
     """
 
-    arm: ArmModel
-    arm_wire: ArmWire
+    arm_unit: EmulatedArm
     jaws: JawModel
     gripper_bus: Bus
     lights_bus: Bus
@@ -109,6 +108,16 @@ class Plant(Protocol):
     world: World
     added: AddedParts
     camera_plugs: CameraPlugs
+
+    @property
+    def rtx(self) -> RtxArm:
+        """Its UMI RTX.
+
+        Raises
+        ------
+        ValueError : it has another arm
+        """
+        ...
 
     @property
     def gripper(self) -> GripperController:

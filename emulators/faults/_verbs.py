@@ -34,6 +34,7 @@ class Verbs:
             **PeopleAndParts(plant).verbs,
             **DevicesAndWires(plant).verbs,
             **Wear(plant).verbs,
+            **plant.arm_unit.verbs,
             "script": self._script,
             "script_log": self._script_log,
         }

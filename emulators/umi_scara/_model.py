@@ -35,6 +35,7 @@ ZED_LIMITS, SHOULDER_LIMITS, ELBOW_LIMITS, GRIPPER_LIMITS = (
     for axis in (Axis.ZED, Axis.SHOULDER, Axis.ELBOW, Axis.GRIPPER)
 )
 ESTOP: Final = "emergency stop"
+JAW_FORCE_N: Final = 150.0  # at MAX_FORCE 100; our choice, umi_rtx.md gives none
 YAW_IP, GRIPPER_IP = FACTS[Axis.YAW].ip, FACTS[Axis.GRIPPER].ip
 
 
@@ -180,6 +181,11 @@ class ArmModel:
         if motor.pressing >= 0 and not is_blocked:
             return 0.0
         return min(1.0, motor.max_force / 100.0)
+
+    @property
+    def jaw_force_n(self) -> float:
+        """The same in newtons."""
+        return JAW_FORCE_N * self.jaw_force_fraction
 
     @property
     def has_supply(self) -> bool:

@@ -4,7 +4,18 @@ A second reading of universal_robots.md, shared with nobody. `python -m emulator
 arm without a world.
 """
 
-from ._facts import CYCLE_S, JOINTS, MODELS, UR3E, UR5E, UR10E, Software, UrFacts, software_of
+from ._facts import (
+    CYCLE_S,
+    DH_ALPHA_RAD,
+    JOINTS,
+    MODELS,
+    UR3E,
+    UR5E,
+    UR10E,
+    Software,
+    UrFacts,
+    software_of,
+)
 from ._kinematics import flange_pose, inverse, link_poses, pose_of, pose_vector
 from ._model import JointErrors, Message, UrArm, UrJoints
 from ._modes import JointMode, RobotMode, RuntimeState, SafetyMode
@@ -16,6 +27,7 @@ from .wires import DashboardSession, RtdeSession, UrcapSession
 
 __all__ = [
     "CYCLE_S",
+    "DH_ALPHA_RAD",
     "JOINTS",
     "MODELS",
     "STANDARD_PORTS",

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from emulators.gripper_modbus import MAX_FORCE_N, RobotiqDevice
+from emulators.gripper_modbus import RobotiqDevice
 
 from ._facts import CYCLE_S, JOINT_COUNT, JOINTS, UR5E, Joints6, UrFacts
 from ._kinematics import flange_pose, inverse, jacobian, pose_of, pose_vector
@@ -190,9 +190,9 @@ class UrArm:
             self.gripper.jaws.grasp_limit_mm = limit_mm
 
     @property
-    def jaw_force_fraction(self) -> float:
-        """The jaws' force on an object, 0 to 1 of the gripper's largest."""
-        return 0.0 if self.gripper is None else self.gripper.jaws.force_n / MAX_FORCE_N
+    def jaw_force_n(self) -> float:
+        """The jaws' force on an object."""
+        return 0.0 if self.gripper is None else self.gripper.jaws.force_n
 
     def joints(self) -> UrJoints:
         """Return the true joints."""

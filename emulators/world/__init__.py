@@ -4,7 +4,7 @@
 Lengths are mm and angles rad, except for pybullet's metres, which stay inside.
 """
 
-from ._models import Event, Snapshot
+from ._models import ArmBody, Event, Snapshot
 from ._world import World
 from .boards import Board, read_board
 from .ground_truth import part_pose, tray_of, truth
@@ -33,6 +33,7 @@ from .pictures import (
 
 __all__ = [
     "MAX_REST_OFF_RAD",
+    "ArmBody",
     "Board",
     "CameraLayout",
     "Collision",

@@ -29,8 +29,7 @@ log = logging.getLogger(__name__)
 QUIET_STEPS: Final = 4  # factor of longer steps while nothing falls and no jaw moves
 _TABLE_MM: Final = 0.3
 _FIXED_FORCE_N: Final = 100.0
-_ARM_FORCE_N: Final = 150.0  # at MAX_FORCE 100; our choice, umi_rtx.md gives none
-_DEFAULT_FORCE_FRACTION: Final = 0.4
+_ARM_FORCE_N: Final = 60.0  # of jaws that state none, or have no drive
 
 
 class World:
@@ -148,8 +147,7 @@ class World:
     def _force_n(self, gripper: Gripper) -> float:
         if gripper is self.fixed_gripper:
             return _FIXED_FORCE_N
-        fraction = float(getattr(self._arm, "jaw_force_fraction", _DEFAULT_FORCE_FRACTION))
-        return _ARM_FORCE_N * (fraction or _DEFAULT_FORCE_FRACTION)
+        return float(getattr(self._arm, "jaw_force_n", _ARM_FORCE_N)) or _ARM_FORCE_N
 
     def _work_jaws(self, gripper: Gripper) -> None:
         if gripper.hold is not None:

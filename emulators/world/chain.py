@@ -31,6 +31,8 @@ class Link:
     boxes : boxes in its frame
     is_solid : its boxes may run into things; otherwise they are only seen, as those beside the
         column that they slide along
+    meets_base : False where the arm is built so that it cannot run into what it stands on, whose
+        box in the layout may be wider than that
     """
 
     name: str
@@ -41,6 +43,7 @@ class Link:
     drive: Mapping[str, float] = field(default_factory=dict)
     boxes: tuple[Box, ...] = ()
     is_solid: bool = True
+    meets_base: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,8 @@ The controller reads the same file by itself; nothing of its reading is used her
 mm; `matter/bodies.py` turns them into pybullet's metres.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -13,7 +14,10 @@ import numpy as np
 from ruamel.yaml import YAML
 from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent
 
-from .arms import UmiShape
+from emulators.ur_arm import JOINTS as UR_JOINTS
+from emulators.ur_arm import MODELS as UR_MODELS
+
+from .arms import BODIES, UmiShape, UrShape
 from .chain import Chain
 from .shapes import Array, Box, PlacedBox
 
@@ -216,11 +220,6 @@ def read_layout(path: Path) -> Layout:
     if not isinstance(raw, dict):
         raise LayoutError(f"{path}: a cell file is a mapping, found {type(raw).__name__}")
     try:
-        if "shape" in raw.get("arm", {}):
-            raise LayoutError(
-                f"{path}: `arm.shape` describes an arm that cannot be emulated; the emulated "
-                "world has a UMI RTX. Give each device the address of a real one"
-            )
         return _layout(raw)
     except KeyError as error:
         raise LayoutError(f"{path}: entry {error} is missing") from error
@@ -281,7 +280,7 @@ def _layout(raw: dict[str, Any]) -> Layout:
         cameras={name: _camera(name, one) for name, one in raw["cameras"].items()},
         station_mm=_vector(raw["station"]["position"]),
         lamps={name: _lamp(name, one) for name, one in raw["lamps"].items()},
-        arm=_arm(raw["arm"]),
+        arm=_arm(raw["arm"], str(raw["devices"]["arm"].get("driver") or "")),
         fixed_gripper=GripperLayout(
             T_world_tcp=_pose(fixed["pose"]),
             boxes=_boxes(fixed["body"]),
@@ -321,20 +320,19 @@ def _renamed(raw: dict[str, Any], name: str, old: str) -> Any:  # noqa: ANN401  
     return raw[old] if old in raw else raw[name]
 
 
-def _arm(raw: dict[str, Any]) -> ArmLayout:
-    links = raw["links"]
+def _arm(raw: dict[str, Any], driver: str) -> ArmLayout:
+    """Return the arm: a UMI RTX, or the one whose ``shape`` is given, by the driver's name."""
+    has_shape = "shape" in raw
+    if has_shape and driver not in _SHAPES:
+        raise ValueError(
+            f"`arm.shape` describes an arm of the driver `{driver}`, which cannot be emulated "
+            f"(emulated: a UMI RTX, and the arms of {', '.join(_SHAPES)}). Give each device the "
+            "address of a real one"
+        )
     return ArmLayout(
         T_world_base=_pose(raw["pose"]),
-        shape=UmiShape(
-            upper_mm=float(raw["upper_mm"]),
-            fore_mm=float(raw["fore_mm"]),
-            tool_mm=float(raw["tool_mm"]),
-            wrist_height_mm=float(raw["wrist_height_mm"]),
-            carriage=_box("carriage", links["carriage"]),
-            upper=_box("upper", links["upper"]),
-            fore=_box("fore", links["fore"]),
-        ),
-        column=_box("column", links["column"]),
+        shape=_SHAPES[driver](raw["shape"]) if has_shape else _umi(raw),
+        column=_box("column", raw["column"] if has_shape else raw["links"]["column"]),
         gripper=GripperLayout(
             T_world_tcp=np.eye(4),
             boxes=_boxes(_renamed(raw, "arm_gripper", "hand")),
@@ -342,6 +340,39 @@ def _arm(raw: dict[str, Any]) -> ArmLayout:
             jaw_max_mm=float(raw["jaw_max_mm"]),
         ),
     )
+
+
+def _umi(raw: dict[str, Any]) -> UmiShape:
+    links = raw["links"]
+    return UmiShape(
+        upper_mm=float(raw["upper_mm"]),
+        fore_mm=float(raw["fore_mm"]),
+        tool_mm=float(raw["tool_mm"]),
+        wrist_height_mm=float(raw["wrist_height_mm"]),
+        carriage=_box("carriage", links["carriage"]),
+        upper=_box("upper", links["upper"]),
+        fore=_box("fore", links["fore"]),
+    )
+
+
+def _ur(raw: dict[str, Any]) -> UrShape:
+    model = str(raw["model"])
+    if model not in BODIES:
+        raise ValueError(f"arm.shape.model: {model!r} is not emulated ({', '.join(BODIES)} are)")
+    park_deg = [float(one) for one in raw["park_deg"]]
+    if len(park_deg) != len(UR_JOINTS):
+        raise ValueError(f"arm.shape.park_deg: {len(UR_JOINTS)} joints, found {len(park_deg)}")
+    return UrShape(
+        facts=UR_MODELS[model],
+        body=BODIES[model],
+        flange_to_tcp_mm=float(raw["flange_to_tcp_mm"]),
+        jaws_rad=math.radians(float(raw.get("jaws_deg", 0.0))),
+        park_q=tuple(math.radians(one) for one in park_deg),
+    )
+
+
+# What stands under `shape` of the cell file's section `arm`, by the name of the driver
+_SHAPES: Final[Mapping[str, Callable[[dict[str, Any]], ArmShape]]] = {"ur": _ur}
 
 
 def _camera(name: str, raw: dict[str, Any]) -> CameraLayout:

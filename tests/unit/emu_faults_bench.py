@@ -46,13 +46,15 @@ class Plugs:
 class StillCell(Cell):
     """A cell that was never started."""
 
+    file = CELL
+
     def __init__(self, folder: Path, seed: int = 1, as_built: int | None = None) -> None:
         block = folder / "block.stl"
         if not block.exists():
             trimesh.creation.box(BLOCK_MM).export(block)
         at = (*AT_REST_MM, 0.0)
         options = CellOptions(
-            cell=CELL, parts=(block,), seed=seed, rest=0, at=at, as_built=as_built
+            cell=self.file, parts=(block,), seed=seed, rest=0, at=at, as_built=as_built
         )
         super().__init__(options, folder)
         self._origin_s = self.world.time_s
@@ -86,14 +88,14 @@ class StillCell(Cell):
     def arm_reply(self, request: bytes) -> bytes:
         """Return all that the arm's line gives back within a second."""
         now_s = self.world.time_s
-        self.arm_wire.feed(request, now_s)
-        return self.arm_wire.due(now_s + 1.0)
+        self.rtx.wire.feed(request, now_s)
+        return self.rtx.wire.due(now_s + 1.0)
 
     def arm_reply_by(self, request: bytes, seconds: float) -> bytes:
         """Return what has come back so long after the request."""
         now_s = self.world.time_s + 10.0
-        self.arm_wire.feed(request, now_s)
-        return self.arm_wire.due(now_s + len(request) * BYTE_S + seconds)
+        self.rtx.wire.feed(request, now_s)
+        return self.rtx.wire.due(now_s + len(request) * BYTE_S + seconds)
 
     def centre_mm(self) -> Any:
         return self.world.parts[0].centre_mm

@@ -351,7 +351,8 @@ def test_an_emulated_cell_with_another_arm_is_refused_with_the_reason(
     for command in ("doctor", "emulate"):
         assert main([command, "--cell", str(path)]) == 2
         said = capsys.readouterr().err
-        assert f"{path}: `arm.shape` describes an arm that cannot be emulated" in said
+        words = f"{path}: `arm.shape` describes an arm of the driver `six_axis`, which cannot be"
+        assert f"{words} emulated" in said
 
 
 @pytest.mark.usefixtures("six_axis")

@@ -17,6 +17,7 @@ from controller.cell.journal import Journal, read_rows
 from controller.cell.machine import Effect, Event
 from controller.cell.operator import Answer, Question
 from controller.cell.services import Gate, Grippers, Permits, Retries, fault_policy
+from controller.cell.services.motion import homing_preview
 from controller.cell.services.records import BatchRecord, RunProgress
 from controller.config import FaultsSection
 from drivers.clock import CellClock
@@ -46,7 +47,12 @@ class Cell:
             max_opening_mm=85.0,
         )
         arm: Any = ANY(move_gripper_mm=self._note("open the arm gripper"))
-        motion: Any = ANY(home=self._note("home"), start_from=self._note("park"))
+        motion: Any = ANY(
+            home=self._note("home"),
+            start_from=self._note("park"),
+            sweeps_to_home=True,
+            homing_preview=homing_preview,
+        )
         grasp: Any = ANY(force_n=20.0, width_tolerance_mm=1.0)
         interlocks: Any = ANY(admit_jaws=lambda: None)
         grippers = Grippers(
@@ -57,7 +63,7 @@ class Cell:
         imaging: Any = ANY(all_dark=self._nothing)
         preparation: Any = ANY(begin=lambda: None)
         home = HomeAction(
-            io, layout, motion, grippers, imaging, preparation, record, self.journal, gate
+            io, layout, ANY(), motion, grippers, imaging, preparation, record, self.journal, gate
         )  # fmt: skip
         operator: Any = ANY(decide=self._decide)
         self._actions = {

@@ -46,6 +46,17 @@ def test_the_metrology_cell_is_the_emulated_one_with_a_finer_camera() -> None:
     assert 1e3 * away_mm / camera.focal_px == pytest.approx(41.0, abs=0.5)  # um a pixel
 
 
+def test_the_ur5e_cell_is_the_emulated_one_with_another_arm() -> None:
+    umi, ur = (
+        load_cell(ROOT / f"recipes/cells/{n}.yaml").model_dump() for n in ("emulated", "ur5e")
+    )
+    assert ur["devices"].pop("arm")["driver"] == "ur"
+    for cell in (umi, ur):
+        cell["devices"].pop("arm", None)
+        del cell["name"], cell["arm"]
+    assert umi == ur
+
+
 def test_a_bare_name_means_a_recipe_that_comes_with_cellctl() -> None:
     recipe = load_recipe(find_recipe(Path("holder")))
     assert recipe.name == "holder"

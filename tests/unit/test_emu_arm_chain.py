@@ -13,7 +13,7 @@ from six_axis_arm import HIGH_RAD, LOW_RAD, NAMES, SixAxis
 
 from emulators.as_built import draw_as_built
 from emulators.umi_scara import ArmJoints
-from emulators.world import Layout, Solid, World, read_layout
+from emulators.world import Layout, LayoutError, Solid, World, read_layout
 from emulators.world.arms import MadeShape
 from emulators.world.chain import TCP, Chain, Link
 from emulators.world.ground_truth import custody, part_pose
@@ -121,6 +121,61 @@ def test_six_revolute_joints_have_the_poses_of_another_description_of_that_arm()
         np.testing.assert_allclose(poses["wrist"][:3, 3], at_mm[3], atol=1e-9)
 
 
+UR5E_CELL = ROOT / "recipes" / "cells" / "ur5e.yaml"
+# by hand from the published lengths: at 0 the arm lies along -x of its base; upright it stands
+UR_TIPS = [
+    ("ur3e", (-456.75, -223.15, 66.5), 693.95),
+    ("ur5e", (-817.2, -232.9, 62.8), 1079.4),
+    ("ur10e", (-1184.25, -290.7, 60.85), 1484.8),
+]
+
+
+@pytest.mark.parametrize(("model", "flange_mm", "high_mm"), UR_TIPS)
+def test_a_ur_arm_stands_where_its_published_lengths_say(
+    model: str, flange_mm: tuple[float, float, float], high_mm: float, tmp_path: Path
+) -> None:
+    path = tmp_path / "cell.yaml"
+    path.write_text(UR5E_CELL.read_text().replace("ur5e,", f"{model}, jaws_deg: 90,"))
+    arm = read_layout(path).arm
+    lying = arm.chain.poses(np.eye(4), [0.0] * 6)
+    np.testing.assert_allclose(lying["wrist3"][:3, 3], flange_mm, atol=1e-9)
+    upright = arm.chain.poses(np.eye(4), [0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0])
+    at_mm = (0.0, flange_mm[1], high_mm)
+    np.testing.assert_allclose(upright["wrist3"][:3, 3], at_mm, atol=1e-9)
+    # the TCP 177 mm before the flange, whose z is -y of the base; the jaws a quarter turn off its x
+    np.testing.assert_allclose(lying[TCP][:3, 3], np.add(flange_mm, (0, -177, 0)), atol=1e-9)
+    np.testing.assert_allclose(lying[TCP][:3, 0], (0.0, -1.0, 0.0), atol=1e-12)
+    np.testing.assert_allclose(lying[TCP][:3, 1], lying["wrist3"][:3, 1], atol=1e-12)
+    # and it stands turned round at the edge of the table
+    np.testing.assert_allclose(
+        forward(arm, JointValues((0.0,) * 6, 85.0))["wrist3"][:3, 3],
+        (-350.0 - flange_mm[0], -flange_mm[1], flange_mm[2]),
+        atol=1e-9,
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "put", "words"),
+    [
+        ("model: ur5e", "model: ur5", "arm.shape.model: 'ur5' is not emulated"),
+        ("-90, 0]}", "-90]}", "arm.shape.park_deg: 6 joints, found 5"),
+        ("flange_to_tcp_mm: 177, ", "", "entry 'flange_to_tcp_mm' is missing"),
+        ("driver: ur,", "driver: kr,", "`arm.shape` describes an arm of the driver `kr`"),
+    ],
+)
+def test_an_arm_that_cannot_be_emulated_is_named(
+    given: str, put: str, words: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "cell.yaml"
+    text = UR5E_CELL.read_text()
+    assert given in text
+    path.write_text(text.replace(given, put))
+    with pytest.raises(LayoutError) as raised:
+        read_layout(path)
+    assert str(raised.value).startswith(f"{path}: ")
+    assert words in str(raised.value)
+
+
 def test_two_motors_of_a_bevel_gear_share_two_joints(layout: Layout) -> None:
     """Pitch turns by half the sum of both motors, roll by half their difference."""
     chain = layout.arm.chain
@@ -202,7 +257,7 @@ class Jaws:
 class Bench:
     def __init__(self, layout: Layout, chain: Chain, q: tuple[float, ...], *solids: Solid) -> None:
         self.arm = Mover(*q)
-        clear = Box("column", np.array((-700.0, 700.0, 0.0)), np.array((-600.0, 800.0, 10.0)))
+        clear = Box("column", np.array((-700.0, 700.0, 0.0)), np.array((-600.0, 800.0, 20.0)))
         arm = replace(layout.arm, shape=MadeShape(chain), column=clear)
         self.layout = replace(layout, arm=arm)
         self.world = World(self.layout, solids, self.arm, Jaws(), self.arm.obstruct)
@@ -257,6 +312,25 @@ def test_the_motor_that_drives_into_the_table_is_stopped_and_no_other(bench: Ben
     assert {collision.other for collision in bench.world.collisions} == {"table"}
     bench.go(0.3, 380.0, 0.0, -200.0, 0.2)
     assert bench.arm.blocked == set()
+
+
+@pytest.mark.parametrize("meets_base", [True, False])
+def test_a_link_that_is_built_beside_its_base_does_not_run_into_it(
+    layout: Layout, block: Solid, meets_base: bool
+) -> None:
+    chain = gantry()
+    links = tuple(
+        replace(link, meets_base=meets_base) if link.name == "spindle" else link
+        for link in chain.links
+    )
+    bench = Bench(layout, replace(chain, links=links), (-500.0, 750.0, 0.0, 0.0), block)
+    try:
+        bench.go(0.5, -650.0, 750.0, -435.0, 0.0)  # the beam's end 5 mm above the table
+        met = {(one.moving, one.other) for one in bench.world.collisions}
+        assert (("beam", "column") in met) == meets_base
+        assert ("palm", "column") in met  # the gripper on the arm may run into it in any case
+    finally:
+        bench.world.close()
 
 
 def test_a_link_of_the_chain_is_seen_and_moves(bench: Bench) -> None:

@@ -455,9 +455,9 @@ def test_without_the_verb_all_is_as_before(cell: StillCell, verb: str) -> None:
 
 
 def test_the_stops_that_the_arm_has_heard_are_asked_for(cell: StillCell) -> None:
-    cell.arm_wire.run_warm()
+    cell.rtx.wire.run_warm()
     assert cell.verbs.do("arm_stops")["stops"] == []
-    cell.arm_wire.feed(b"\x24", 5.0)
+    cell.rtx.wire.feed(b"\x24", 5.0)
     (stop,) = cell.verbs.do("arm_stops")["stops"]
     assert (stop["ip"], stop["kind"]) == (0, "dead")
     assert stop["at_s"] == pytest.approx(5.0 + BYTE_S)

@@ -3,25 +3,27 @@
 import asyncio
 from dataclasses import dataclass
 
+from controller.cell.compute import Compute
 from controller.cell.custody.openings import Occupancy
 from controller.cell.devices.interlocks import check_interlocks
 from controller.cell.errors import PartProblemError
 from controller.cell.journal import Journal
 from controller.cell.journal.rows import Homed, PositionsTakenOver
-from controller.cell.machine import Event
+from controller.cell.machine import Event, SafePoint
+from controller.planning import NoMotionError
 from controller.planning.model import CellLayout
 from drivers.kinds import IoBlock
 
 from ..services import Gate, Grippers, Imaging, Motion, Preparation, Resumption
-from ..services.motion import homing_preview, rounded
+from ..services.motion import rounded
 from ..services.records import BatchRecord
 
 
-async def _until_healthy(io: IoBlock, gate: Gate) -> None:
+async def _until_healthy(io: IoBlock, gate: Gate, motion: Motion) -> None:
     async def check() -> None:
         check_interlocks(io)
 
-    await gate.until_admitted(check, homing_preview)
+    await gate.until_admitted(check, motion.homing_preview)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,11 +34,13 @@ class HomeAction:
     ----------
     io : the interlocks, which have to be healthy
     layout : layout with the configuration to park in, and the widest opening of the arm gripper
+    compute : finds a path to park
     motion, grippers, imaging, preparation, record, journal, gate : services
     """
 
     io: IoBlock
     layout: CellLayout
+    compute: Compute
     motion: Motion
     grippers: Grippers
     imaging: Imaging
@@ -51,11 +55,16 @@ class HomeAction:
         Raises
         ------
         InterlockError : a safety copy is not healthy; an open door is waited for
-        PartProblemError : the fixed gripper holds something
+        PartProblemError : the fixed gripper holds something, or no path free of contact leads an
+            arm of absolute encoders from where it stands to its park position
         """
-        await _until_healthy(self.io, self.gate)
+        await _until_healthy(self.io, self.gate, self.motion)
         self.preparation.begin()
-        self.record.show("homing the arm; it sweeps its whole workspace")
+        self.record.show(
+            "homing the arm; it sweeps its whole workspace"
+            if self.motion.sweeps_to_home
+            else "getting the arm ready; it opens and closes its jaws, then it parks"
+        )
         await self.imaging.all_dark()
         found = await self.grippers.read_fixed()
         if found.occupancy is Occupancy.HOLDS:
@@ -66,6 +75,8 @@ class HomeAction:
         async with asyncio.TaskGroup() as both:
             both.create_task(self._ready_fixed_gripper())
             both.create_task(self._ready_arm())
+        if not self.motion.sweeps_to_home:
+            await self._park_from_anywhere()
         self.journal.write(Homed())
         return Event.RESET_DONE
 
@@ -76,7 +87,23 @@ class HomeAction:
     async def _ready_arm(self) -> None:
         await self.motion.home()
         await self.grippers.open_arm(self.layout.arm_gripper.max_mm * 0.5)
-        await self.motion.start_from(self.layout.park_q)
+        if self.motion.sweeps_to_home:
+            await self.motion.start_from(self.layout.park_q)  # from where homing ends
+
+    async def _park_from_anywhere(self) -> None:
+        q = await self.motion.read_q()
+        openings_mm = await self.grippers.openings_mm()
+        try:
+            path = await self.compute.path_home(q, *openings_mm, None, self.record.around)
+        except NoMotionError as error:
+            raise PartProblemError(
+                "no_way_home",
+                "no path free of contact leads the arm from where it stands to its park position: "
+                f"{error}; move it clear with `cellctl jog` or its pendant, and start again",
+            ) from error
+        await self.motion.follow(path)
+        self.motion.mark_free()
+        self.motion.reach(SafePoint.PARKED, ends_step=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +133,7 @@ class ReadyAction:
         ------
         InterlockError : a safety copy is not healthy; an open door is waited for
         """
-        await _until_healthy(self.io, self.gate)
+        await _until_healthy(self.io, self.gate, self.motion)
         self.preparation.begin()
         self.record.show("getting ready; nothing is homed, because a gripper may hold a part")
         await self.imaging.all_dark()

@@ -224,7 +224,9 @@ def assemble(
 
     by_effect: dict[Effect, Action] = {
         Effect.HOME: ResetAction(
-            HomeAction(io, layout, motion, grippers, imaging, preparation, record, journal, gate),
+            HomeAction(
+                io, layout, compute, motion, grippers, imaging, preparation, record, journal, gate
+            ),
             ReadyAction(io, resumption, motion, imaging, preparation, record, journal, gate),
             resumption,
         ),

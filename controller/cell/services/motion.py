@@ -88,8 +88,17 @@ class Motion:
         # waypoints since the arm last stood free of everything: moving back along them is free too
         self._trail: list[FloatArray] = []
 
+    @property
+    def sweeps_to_home(self) -> bool:
+        """Whether the arm moves its joints to find their references."""
+        return sweeps_to_home(self._layout)
+
+    async def homing_preview(self) -> NextMotion:
+        """Return the first motion of homing."""
+        return await (homing_preview if self.sweeps_to_home else jaws_preview)()
+
     async def home(self) -> None:
-        """Allow motor power and find the references, if they are not known; sweeps the whole reach.
+        """Allow motor power and find the references, if not known; may sweep the whole reach.
 
         Raises
         ------
@@ -97,7 +106,7 @@ class Motion:
         DeviceError : the arm finds no reference
         """
         while True:
-            async with self._gate.moving(homing_preview, Mover.ARM):
+            async with self._gate.moving(self.homing_preview, Mover.ARM):
                 await self._arm.enable_power()
                 if self._arm.is_homed:
                     return
@@ -335,9 +344,25 @@ class Motion:
         )
 
 
+def sweeps_to_home(layout: CellLayout) -> bool:
+    """Return whether a cell's arm moves its joints to find their references.
+
+    Parameters
+    ----------
+    layout : the cell as planning sees it
+    """
+    phases = layout.arm.homing_sweep(layout.park_q, layout.park_q)
+    return any(bool((phase.high > phase.low).any()) for phase in phases)
+
+
 async def homing_preview() -> NextMotion:
-    """Return the first motion of homing."""
+    """Return the first motion of an arm that sweeps to home."""
     return NextMotion("the arm homes: it sweeps its whole reach and moves its jaws")
+
+
+async def jaws_preview() -> NextMotion:
+    """Return the first motion of an arm whose encoders are absolute."""
+    return NextMotion("the arm opens and closes its jaws where it stands, then it goes to park")
 
 
 async def _homing_with_part() -> NextMotion:

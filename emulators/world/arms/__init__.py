@@ -2,5 +2,6 @@
 
 from .made import MadeShape
 from .umi import UmiShape
+from .ur import BODIES, UrShape
 
-__all__ = ["MadeShape", "UmiShape"]
+__all__ = ["BODIES", "MadeShape", "UmiShape", "UrShape"]

@@ -49,10 +49,10 @@ class CellBoxes:
         fixed += [(box, identity) for box in layout.obstacles]
         fixed += [(one.box, one.T_world_box) for one in layout.chute]
         fixed += [(box, fixed_gripper.T_world_tcp) for box in layout.fixed_gripper.boxes]
-        moving = [
-            (link.name, box) for link in arm.chain.links if link.is_solid for box in link.boxes
-        ]
+        solid = [link for link in arm.chain.links if link.is_solid]
+        moving = [(link.name, box) for link in solid for box in link.boxes]
         moving += [(TCP, box) for box in arm.gripper.boxes]
+        meets_base = [link.meets_base for link in solid for _ in link.boxes]
         self._fixed_names = [box.name for box, _ in fixed]
         self._fixed_bodies = [bodies.add_box(box, T) for box, T in fixed]
         self._moving = [
@@ -72,6 +72,9 @@ class CellBoxes:
             gripper.name: [box.centre_mm for box in gripper.finger_boxes]
             for gripper in (arm_gripper, fixed_gripper)
         }
+        # which of them may run into which fixed box; the column is the first of those
+        self._may_meet = np.ones((len(moving) + 2, len(self._fixed_names)), dtype=bool)
+        self._may_meet[: len(meets_base), 0] = meets_base
         self._moving_names = [box.name for _, box in moving]
         self._moving_names += [box.name for box in arm_gripper.finger_boxes]
         self._moving_boxes = BoxSet([box for _, box in moving] + list(arm_gripper.finger_boxes))
@@ -129,7 +132,7 @@ class CellBoxes:
             point[2] = low[index, 2]
             name, frame = self._moving_names[index], self._moving_body(int(index))[1]
             touches.append(Touch(name, "table", frame, -float(low[index, 2]), point, _UP))
-        for i, j in np.argwhere(_overlap(low, high, *fixed)):
+        for i, j in np.argwhere(_overlap(low, high, *fixed) & self._may_meet):
             body, frame = self._moving_body(int(i))
             nearest = self._bodies.deepest(body, self._fixed_bodies[j])
             if nearest is not None and nearest[0] < -BOX_MM:
