@@ -6,6 +6,7 @@ import asyncio
 import threading
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -578,6 +579,62 @@ async def test_a_usb_camera_has_no_packets_and_no_controller(
     camera = await connect()
     assert camera.identity().packet_size == 0
     assert (await camera.frame_after(0.0)).frame_id == fake.number
+
+
+class Tape:
+    """The wires of one camera: notes each call, then answers in the camera's place."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[str, bytes]] = []
+        self.is_playing = False
+
+    def camera(self, name: str) -> Tape:
+        return self
+
+    def thread(self, name: str) -> ThreadPoolExecutor:
+        return ThreadPoolExecutor(1)
+
+    def call(self, what: str, sent: bytes, do: Callable[[], bytes]) -> bytes:
+        if not self.is_playing:
+            self.rows.append((what, do()))
+            return self.rows[-1][1]
+        name, answer = self.rows.pop(0)
+        assert name == what
+        return answer
+
+
+async def test_a_recording_answers_without_library_and_camera(fake: FakeCamera) -> None:
+    tape: Any = Tape()
+    library = Aravis(functions(fake))
+
+    def no_library() -> Aravis:
+        raise AssertionError("a playback loads no library")
+
+    async def session(load: Callable[[], Aravis], unplug: Callable[[], None]) -> list[Any]:
+        camera = Camera(config(formats=wanted_formats(("Y12",))), library=load, wires=tape)
+        identity = await camera.connect()
+        begun_s = time.monotonic()
+        frame = await camera.frame_after(0.0)
+        took_s = time.monotonic() - begun_s
+        unplug()
+        with pytest.raises(UnpluggedError) as gone:
+            await camera.frame_after(0.0)
+        with pytest.raises(LinkError) as absent:
+            await camera.connect()
+        await camera.close()
+        assert took_s >= frame.timestamp_s - frame.earliest_light_s  # it comes no earlier than then
+        return [
+            identity, frame.image.tolist(), frame.white, frame.frame_id,
+            str(gone.value), str(absent.value),
+        ]  # fmt: skip
+
+    recorded = await session(lambda: library, lambda: setattr(fake, "is_there", False))
+    assert [what for what, _ in tape.rows] == (
+        ["find", "control", "start", "frame", "frame", "frame", "find"]
+    )
+    tape.is_playing = True
+    assert await session(no_library, lambda: None) == recorded
+    assert tape.rows == []
 
 
 # --- the cell file -------------------------------------------------------------------------------
