@@ -63,4 +63,4 @@ async def nothing_is_left(fds: set[str]) -> None:
     """Fail if a task runs or a descriptor is open that was not before."""
     await asyncio.sleep(0)  # transports close in the loop's next round
     assert asyncio.all_tasks() == {asyncio.current_task()}
-    assert open_fds() == fds
+    assert open_fds() - fds == set()  # what an earlier test left may go meanwhile

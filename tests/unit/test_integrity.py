@@ -51,6 +51,7 @@ from controller.inspection.grasp_pose import mirror_image
 from controller.inspection.integrity import (
     RunTest,
     allowed_mm,
+    alone,
     blur_rounds_px,
     crowded,
     find_runs,
@@ -94,17 +95,16 @@ def test_a_run_is_found_where_it_is(depth_px: float, length: int) -> None:
     assert set(range(700, 700 + length)) & set(run.points.tolist())
 
 
-@pytest.mark.parametrize(("length", "is_found"), [(1, False), (3, True)])
-def test_a_jog_of_a_pixel_has_no_outline_of_its_own(length: int, is_found: bool) -> None:
+@pytest.mark.parametrize(("length", "is_alone"), [(1, True), (3, False)])
+def test_a_jog_of_a_pixel_has_no_outline_of_its_own(length: int, is_alone: bool) -> None:
     """Two sides meet in a step; along its normal the outline of the farther side is met."""
     at, normals = straight(600)
-    test = RunTest(noise_px=0.03, wave_px=0.05)
-    step = np.array([[300.0, -1.0 - k] for k in range(length)])
+    step = np.array([[300.0, 49.0 - k] for k in range(length)])
     at = np.concatenate([at[:300], step, at[300:] - [0.0, 1.0 + length]])
     normals = np.concatenate([normals[:300], np.tile([1.0, 0.0], (length, 1)), normals[300:]])
-    off = np.zeros(len(at))
-    off[300 : 300 + length] = 4.0
-    assert bool(find_runs(at, normals, off, 1.0, test)) is is_found
+    expected = np.zeros(len(at), dtype=bool)
+    expected[300 : 300 + length] = is_alone
+    assert (alone(at, normals) == expected).all()
 
 
 def test_sides_that_blur_joins_are_told_from_sides_that_it_does_not() -> None:

@@ -3,7 +3,7 @@
 from ._allowed import Allowances, allowed_mm
 from ._blurred import blur_rounds_px
 from ._outline import BURR_PX, CHIP_PX, OutlineResult, compare_outline
-from ._runs import Run, RunTest, crowded, find_runs
+from ._runs import Run, RunTest, alone, crowded, find_runs
 
 __all__ = [
     "BURR_PX",
@@ -13,6 +13,7 @@ __all__ = [
     "Run",
     "RunTest",
     "allowed_mm",
+    "alone",
     "blur_rounds_px",
     "compare_outline",
     "crowded",

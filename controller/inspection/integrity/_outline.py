@@ -25,7 +25,7 @@ from ..grasp_pose import Backlit, PoseSettings, ViewPose
 from ..limits import DUST_SIZES, LOST_PX, PANEL_HALF
 from ._allowed import Allowances, allowed_mm
 from ._blurred import blur_rounds_px
-from ._runs import Run, RunTest, crowded, find_runs
+from ._runs import Run, RunTest, alone, crowded, find_runs
 
 MARGIN_PX: Final = 40  # width beyond the outline that is searched for extra material
 NEAR_PX: Final = 6  # distance from unjudged pixels within which the observed outline ends
@@ -153,6 +153,7 @@ class _Look:
         off = self._with_lost(off)
         reach_px = CROWDED * self.backlit.width_px
         off[crowded(self.points.pixels, self.points.normals, reach_px)] = np.nan
+        off[alone(self.points.pixels, self.points.normals)] = np.nan
         return off
 
     def _with_lost(self, off: FloatArray) -> FloatArray:

@@ -88,18 +88,13 @@ def find_runs(
     known = np.flatnonzero(np.isfinite(off_px))
     if len(known) < 3:
         return []
-    # A face that shows over less than blur reaches, as in a jog at a corner, has no outline of its
-    # own: along its normal another face's is met.
-    known = known[_count(_beside(cKDTree(at_px[known]), normals[known], WINDOWS_PX[0])) > 1]
-    if len(known) < 3:
-        return []
     at, direction, off = at_px[known], normals[known], off_px[known]
     tree = cKDTree(at)
     limit = test.limit(len(known))
     best = np.zeros(len(known))
     for half in WINDOWS_PX:
         beside = _beside(tree, direction, half)
-        count = _count(beside)
+        count = np.asarray(beside.sum(axis=1), dtype=np.float64).ravel()
         mean = (beside @ off) / count
         z = mean / test.sigma_px(count * step_px)
         best = np.where(np.abs(z) > np.abs(best), z, best)
@@ -125,6 +120,20 @@ def crowded(at_px: FloatArray, normals: FloatArray, reach_px: float) -> BoolArra
     return out
 
 
+def alone(at_px: FloatArray, normals: FloatArray) -> BoolArray:
+    """Return a mask (n,) of outline points without a neighbour of their direction.
+
+    A face that shows over less than blur reaches, as in a jog at a corner, has no outline of its
+    own: along its normal another face's is met.
+
+    Parameters
+    ----------
+    at_px, normals : (n, 2) points of the outline, about a pixel apart, and its normals
+    """
+    beside = _beside(cKDTree(at_px), normals, WINDOWS_PX[0])
+    return np.asarray(beside.sum(axis=1)).ravel() <= 1
+
+
 def _beside(tree: cKDTree, direction: FloatArray, half_px: float) -> sp.csr_matrix:
     """Return a mask (n, n) of points in each other's window."""
     n = len(direction)
@@ -134,11 +143,6 @@ def _beside(tree: cKDTree, direction: FloatArray, half_px: float) -> sp.csr_matr
     rows = np.concatenate([i, j, np.arange(n)])
     columns = np.concatenate([j, i, np.arange(n)])
     return sp.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n))
-
-
-def _count(beside: sp.csr_matrix) -> FloatArray:
-    """Return the number of points (n,) in each one's window, with itself."""
-    return np.asarray(beside.sum(axis=1), dtype=np.float64).ravel()
 
 
 def _linked(

@@ -74,7 +74,7 @@ class GenicamDevice:
         self._source, self._clock = source, clock
         self._faults = Faults()
         self._rng = random.Random(seed)  # nosec B311: losses of a test, no secret
-        self._address = "0.0.0.0"  # nosec B104: no address yet; nothing is bound to it
+        self._host = 0  # the address as a number; none yet
         self._stream_port = 0
         self.is_plugged = True
         self.rouse: Callable[[], None] = lambda: None  # whoever sleeps until something is due
@@ -85,15 +85,14 @@ class GenicamDevice:
         features = features_of(config.sensor)
         description = describe(features, PACKET_BYTES_RANGE, config.model)
         url = f"Local:emulated.xml;{DESCRIPTION_ADDRESS:X};{len(description):X}"
-        host = int(ipaddress.IPv4Address(self._address))
         words = {
             boot.VERSION: boot.VERSION_1_2,
             boot.DEVICE_MODE: boot.MODE_BIG_ENDIAN_UTF8,
             boot.MAC_HIGH: 0x0200,  # locally administered, the rest is the address
-            boot.MAC_LOW: host,
+            boot.MAC_LOW: self._host,
             boot.IP_SUPPORTED: boot.IP_PERSISTENT,
             boot.IP_CURRENT: boot.IP_PERSISTENT,
-            boot.IP_ADDRESS: host,
+            boot.IP_ADDRESS: self._host,
             boot.SUBNET_MASK: 0xFF00_0000,
             boot.GATEWAY: 0,
             boot.INTERFACE_COUNT: 1,
@@ -128,7 +127,7 @@ class GenicamDevice:
             boot.DEVICE_VERSION: "1",
             boot.MANUFACTURER_INFO: "GigE Vision camera of an emulated cell",
             # no two cameras have one number, those of other emulators on the machine included
-            boot.SERIAL_NUMBER: f"E{host & 0xFF_FFFF:06}",
+            boot.SERIAL_NUMBER: f"E{self._host & 0xFF_FFFF:06}",
             boot.USER_NAME: config.user_name,
             boot.FIRST_URL: url,
         }
@@ -180,7 +179,7 @@ class GenicamDevice:
 
     def connect(self, address: str, stream_port: int) -> None:
         """Give the camera its address, and the port that its pictures come from."""
-        self._address, self._stream_port = address, stream_port
+        self._host, self._stream_port = int(ipaddress.IPv4Address(address)), stream_port
         self._power_up()
 
     def unplug(self) -> None:
