@@ -196,16 +196,27 @@ class Cameras:
         return None if self._v4l2_server is None else self._v4l2_server.why_not_fuse
 
     def unplug(self, name: str) -> None:
-        """Pull a camera's cable."""
+        """Pull a camera's cable.
+
+        Raises
+        ------
+        ValueError : the cell has not started
+        """
         self._server_of(name).unplug(name)
 
     def plug(self, name: str) -> str:
-        """Put an unplugged camera back; return its address."""
+        """Put an unplugged camera back; return its address.
+
+        Raises
+        ------
+        ValueError : the cell has not started
+        """
         return self._server_of(name).plug(name)
 
     def _server_of(self, name: str) -> CameraServer | GenicamServer:
         server = self._v4l2_server if name in self._v4l2 else self._genicam_server
-        assert server is not None
+        if server is None:
+            raise ValueError(f"camera {name} has no cable before the cell starts")
         return server
 
 
