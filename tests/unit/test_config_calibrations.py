@@ -17,6 +17,7 @@ from controller.config.calibrations import (
 )
 from controller.setup.layout import build_layout
 from controller.setup.optics import build_camera
+from emulators.world.arms import UmiShape
 from emulators.world.layout import read_layout
 
 HEADER = {"schema": 1, "measured": "2026-03-02T08:30:00Z", "by": "A. Person"}
@@ -145,7 +146,8 @@ def test_the_emulated_world_knows_nothing_of_calibrations(tmp_path: Path) -> Non
     path = written(tmp_path, overhead=CAMERA, arm=ARM, fixed_gripper=FIXED, trays=TRAYS)
     world = read_layout(path)
     assert world.cameras["overhead"].focal_px == 3571.0
-    assert world.arm.upper_mm == 253.5
+    assert isinstance(world.arm.shape, UmiShape)
+    assert world.arm.shape.upper_mm == 253.5
     assert world.fixed_gripper.T_world_tcp[0, 3] != 2.0
 
 
