@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, Int32Array, inner
+from controller.arrays import BoolArray, FloatArray, Int32Array, inner, median
 from controller.imaging import EdgeFits, inverse_pose, transform
 
 from .._pose import PosedPart
@@ -33,7 +33,7 @@ MIN_RAY_SHARE: Final = 0.5
 MAX_RAYS: Final = 40
 # Places on one side of an edge at which its light is compared; a step nearer than the last of them
 # may merge with the edge's, or be found in its place by a look that reaches as far.
-BESIDE_PX: Final = np.array([0.5, 1.5, 2.5])
+LIGHT_AT_PX: Final = np.array([0.5, 1.5, 2.5])
 SHADOW_SPACING_PX: Final = 2.0  # distance between the rays whose light is predicted
 
 
@@ -97,24 +97,26 @@ def shadow_shifts_px(
     shift_px : (n,) 0 where the light is even
     """
     shift: FloatArray = np.zeros(len(rays.pixels))
-    spacing = float(np.median(rays.spacing_px)) if len(shift) else SHADOW_SPACING_PX
-    index = np.arange(0, len(shift), max(round(SHADOW_SPACING_PX / max(spacing, 1e-9)), 1))
-    if len(index) == 0:
+    if len(shift) == 0:
         return shift
-    offsets: FloatArray = np.concatenate([-BESIDE_PX, BESIDE_PX])
+    every = max(round(SHADOW_SPACING_PX / max(median(rays.spacing_px), 1e-9)), 1)
+    index = np.arange(0, len(shift), every)
+    offsets: FloatArray = np.concatenate([-LIGHT_AT_PX, LIGHT_AT_PX])
     face, lit = _faces_and_light(part, scene, view, lamp, rays.chosen(index), offsets)
     nearest = np.searchsorted(0.5 * (index[1:] + index[:-1]), np.arange(len(shift)))
     face, lit = face[nearest], lit[nearest]
-    count = len(BESIDE_PX)
+    count = len(LIGHT_AT_PX)
     height = np.maximum(np.abs(found.contrast), 1e-9)
-    for side, tone in ((-1.0, found.level), (1.0, found.level + found.contrast)):
-        at = slice(0, count) if side < 0 else slice(count, None)
+    for side, at, tone in (
+        (-1.0, slice(count), found.level),
+        (1.0, slice(count, None), found.level + found.contrast),
+    ):
         beside, light = face[:, at], lit[:, at]
         change = np.abs(light - light[:, :1]) / np.maximum(np.maximum(light, light[:, :1]), 1e-9)
         is_border = (change >= SHADED) & (beside == beside[:, :1])
         first = np.argmax(is_border, axis=1)
         share = change[np.arange(len(shift)), first] * np.nan_to_num(tone) / height
-        far = 0.5 * (BESIDE_PX[first] + BESIDE_PX[np.maximum(first - 1, 0)])
+        far = 0.5 * (LIGHT_AT_PX[first] + LIGHT_AT_PX[np.maximum(first - 1, 0)])
         moved = np.where(is_border.any(axis=1), np.minimum(share, 1.0) * far, 0.0)
         shift = np.where(moved > np.abs(shift), side * moved, shift)
     return shift
