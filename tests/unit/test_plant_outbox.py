@@ -251,7 +251,7 @@ def test_a_result_that_cannot_be_read_is_named_and_the_next_ones_go_on(tmp_path:
 def test_nothing_is_sent_from_a_row_that_was_changed_on(tmp_path: Path) -> None:
     good_run(tmp_path)
     bad_run(tmp_path)
-    with sqlite3.connect(tmp_path / JOURNAL_NAME) as db:
+    with contextlib.closing(sqlite3.connect(tmp_path / JOURNAL_NAME)) as db, db:
         for (trigger,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'"):
             db.execute(f"DROP TRIGGER {trigger}")
         db.execute("UPDATE journal SET body = replace(body, 'fail', 'pass') "
@@ -283,7 +283,7 @@ def test_a_journal_restored_from_a_backup_stops_a_receiver_until_a_person_says_s
     good_run(tmp_path)
     journal = tmp_path / JOURNAL_NAME
     backup = tmp_path / "backup.sqlite"
-    with sqlite3.connect(journal) as db, sqlite3.connect(backup) as to:
+    with contextlib.closing(sqlite3.connect(journal)) as db, contextlib.closing(sqlite3.connect(backup)) as to:
         db.backup(to)
     bad_run(tmp_path)
     receiver = Receiver()

@@ -26,6 +26,10 @@ _LOOK = 16  # turns between checks of the progress
 _LEAN = 4.0  # step of fractions relative to that of costs, which have few and large values
 _U_STEPS = np.float32(1 << 14)  # costs on elements are multiples of this part of a unit
 _X_STEPS = np.float32(1 << 12)
+# What is multiplied here is finite and below 2**20. OpenBLAS 0.3.31 raised the flag of an invalid
+# operation all the same, once, for a product of (1, 5) by (5, 3): lanes of a register that no
+# result is read from hold what was there before (numpy issues 13173, 24067).
+_FLAGS_OF_UNUSED_LANES = np.errstate(invalid="ignore")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +65,7 @@ def rounded(u: NDArray[np.floating]) -> Float32Array:
     return whole
 
 
+@_FLAGS_OF_UNUSED_LANES
 def lower_bounds(core: Core, u: Float32Array) -> LowerBounds:
     """Return the lower bounds that costs of elements (k, m) give, grasp by grasp."""
     below = np.zeros((len(u), len(core.rows)))
@@ -123,6 +128,7 @@ def spread_scales(u: Float32Array, factor: float) -> Float32Array:
     return rounded(np.stack([u * np.float32(factor * s) for s in _SCALES] + [u]))
 
 
+@_FLAGS_OF_UNUSED_LANES
 def raise_lower_bounds(
     core: Core, sets: IndexArray, u: Float32Array, goals: FloatArray, steps: int
 ) -> tuple[FloatArray, Float32Array]:
