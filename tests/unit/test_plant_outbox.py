@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -209,7 +209,7 @@ def test_why_nothing_goes_out_is_known_until_it_does(
 
     loop, is_well = asyncio.new_event_loop(), asyncio.Event()
 
-    with contextlib.closing(loop):
+    with closing(loop):
         loop.run_until_complete(work(Away()))
         loop.run_until_complete(loop.shutdown_default_executor())
     assert Book(tmp_path).problems() == {}
@@ -251,7 +251,7 @@ def test_a_result_that_cannot_be_read_is_named_and_the_next_ones_go_on(tmp_path:
 def test_nothing_is_sent_from_a_row_that_was_changed_on(tmp_path: Path) -> None:
     good_run(tmp_path)
     bad_run(tmp_path)
-    with contextlib.closing(sqlite3.connect(tmp_path / JOURNAL_NAME)) as db, db:
+    with closing(sqlite3.connect(tmp_path / JOURNAL_NAME)) as db, db:
         for (trigger,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'"):
             db.execute(f"DROP TRIGGER {trigger}")
         db.execute("UPDATE journal SET body = replace(body, 'fail', 'pass') "
@@ -283,7 +283,7 @@ def test_a_journal_restored_from_a_backup_stops_a_receiver_until_a_person_says_s
     good_run(tmp_path)
     journal = tmp_path / JOURNAL_NAME
     backup = tmp_path / "backup.sqlite"
-    with contextlib.closing(sqlite3.connect(journal)) as db, contextlib.closing(sqlite3.connect(backup)) as to:
+    with closing(sqlite3.connect(journal)) as db, closing(sqlite3.connect(backup)) as to:
         db.backup(to)
     bad_run(tmp_path)
     receiver = Receiver()
