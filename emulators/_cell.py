@@ -180,7 +180,11 @@ class Cell:
         }
         self.signals = CellSignals()
         self.io = make_io_block(
-            self.layout.drivers.get("io"), self.signals, IO_UNIT, self.layout.inputs
+            self.layout.drivers.get("io"),
+            self.signals,
+            IO_UNIT,
+            self.layout.inputs,
+            self.layout.outputs,
         )
         self.gripper_bus = Bus(self._fixed.on_line)
         self.lights_bus = Bus([*self.lamp_modules.values()])

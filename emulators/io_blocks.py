@@ -21,7 +21,11 @@ CONTACTS: Final = (
 
 
 def make_io_block(
-    choice: DriverChoice | None, signals: CellSignals, unit: int, inputs: Mapping[str, int]
+    choice: DriverChoice | None,
+    signals: CellSignals,
+    unit: int,
+    inputs: Mapping[str, int],
+    outputs: Mapping[str, int],
 ) -> E1214Device:
     """Return the I/O block that a driver of the cell file speaks to.
 
@@ -32,8 +36,11 @@ def make_io_block(
     unit : Modbus unit id
     inputs : inputs of the block by contact, as in the cell file; the others are on the usual ones
 
+    outputs : outputs of the block by 24 V signal, as in the cell file
+
     The settings ``motor_relay`` and ``watchdog_s`` of the cell file are those that an installer has
-    wired and set in the block's web console.
+    wired and set in the block's web console. Where the cell file relies on no output, its watchdog
+    is off, as delivered.
 
     Raises
     ------
@@ -51,12 +58,15 @@ def make_io_block(
         for names, usual in zip(CONTACTS, config.wired, strict=True)
     )
     config = replace(config, wired=wired)
-    relay = None if choice is None else choice.settings.get("motor_relay")
-    if relay is not None and choice is not None:
-        if not 0 <= int(relay) < len(config.safe_state):
-            raise LayoutError(
-                f"devices.io.settings.motor_relay: 0 to {len(config.safe_state) - 1}, not {relay}"
-            )
-        watchdog_s = float(choice.settings.get("watchdog_s", WATCHDOG_S))
-        config = replace(config, motor_relay=int(relay), watchdog_s=watchdog_s)
+    settings = {} if choice is None else choice.settings
+    relay = settings.get("motor_relay")
+    relied_on = {f"outputs.{name}": channel for name, channel in outputs.items()}
+    if relay is not None:
+        relied_on["devices.io.settings.motor_relay"] = int(relay)
+        config = replace(config, motor_relay=int(relay))
+    for key, channel in relied_on.items():
+        if not 0 <= channel < len(config.safe_state):
+            raise LayoutError(f"{key}: 0 to {len(config.safe_state) - 1}, not {channel}")
+    if relied_on:
+        config = replace(config, watchdog_s=float(settings.get("watchdog_s", WATCHDOG_S)))
     return E1214Device(signals, unit, config)

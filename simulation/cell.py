@@ -79,6 +79,7 @@ class Scene:
     beside : the part of another recipe, which the same run is to take; None for none
     watchdog_s : time of a watchdog in the motors' supply; None for none [s]
     may_be_late : controllers may be stopped for a while, and look often for that
+    outputs : 24 V signals that are wired to the I/O block, in the order of its outputs
     """
 
     recipe: str = "holder"
@@ -87,6 +88,7 @@ class Scene:
     beside: "Scene | None" = None
     watchdog_s: float | None = None
     may_be_late: bool = False
+    outputs: tuple[str, ...] = ()
 
     @property
     def each(self) -> "tuple[Scene, ...]":
@@ -194,6 +196,9 @@ class SimulatedCell:
 
     def _drawn_text(self) -> str:
         text = CELL_FILE.read_text(encoding="utf-8")
+        if self.scene.outputs:
+            wired = ", ".join(f"{name}: {n}" for n, name in enumerate(self.scene.outputs))
+            text += f"\noutputs: {{{wired}}}\n"
         if self.scene.watchdog_s is None:
             return text
         settings = f"{{motor_relay: 0, watchdog_s: {self.scene.watchdog_s:g}}}"

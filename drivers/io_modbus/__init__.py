@@ -12,7 +12,6 @@ from ._config import (
     E1214_COUNT,
     MOTOR_RELAY,
     PLANNED_INPUTS,
-    PLANNED_OUTPUTS,
     POLLS_PER_WATCHDOG,
     Debounce,
     InputChannel,
@@ -27,7 +26,6 @@ __all__ = [
     "DRIVER",
     "E1212_DRIVER",
     "PLANNED_INPUTS",
-    "PLANNED_OUTPUTS",
     "CellIo",
     "Change",
     "Debounce",
@@ -49,12 +47,12 @@ def _build(site: Site, settings: MoxaSettings, model: str, channel_count: int) -
         replace(one, channel=site.inputs.get(one.name, one.channel)) for one in PLANNED_INPUTS
     )
     poll_s, watchdog_s = polling.poll_s, None
-    outputs: tuple[OutputChannel, ...] = PLANNED_OUTPUTS
+    outputs = tuple(OutputChannel(name, channel) for name, channel in site.outputs.items())
     if (relay := settings.motor_relay) is not None:
+        outputs = (*outputs, OutputChannel(MOTOR_RELAY, relay))
+    if outputs:
         watchdog_s = settings.watchdog_s
         poll_s = min(poll_s, watchdog_s / POLLS_PER_WATCHDOG)
-        others = (one for one in PLANNED_OUTPUTS if one.channel != relay)
-        outputs = (*others, OutputChannel(MOTOR_RELAY, relay))
     config = IoConfig(
         unit=site.section["unit"],
         model=model,

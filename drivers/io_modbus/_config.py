@@ -71,14 +71,6 @@ PLANNED_INPUTS: Final = (  # the channel plan of modbus_devices.md 7.4
     InputChannel("supply_ok", 4),
     InputChannel("acknowledge", 5, Debounce.BOTH),
 )
-PLANNED_OUTPUTS: Final = (
-    OutputChannel("backlight", 0),
-    OutputChannel("ring_light", 1),
-    OutputChannel("bar_light", 2),
-    OutputChannel("stack_red", 3),
-    OutputChannel("stack_amber", 4),
-    OutputChannel("stack_green", 5),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,15 +85,15 @@ class IoConfig:
     inputs, outputs : named channels, numbered from 0 as on the block
     poll_s : from one reading of the inputs to the next, 20 to 50 ms [cell s]
     stale_s : a reading older than this counts as unknown [cell s]
-    watchdog_s : silence after which the block opens the relay `MOTOR_RELAY`, which must be among
-        the outputs; None: nothing depends on its watchdog [cell s]
+    watchdog_s : silence after which the block opens all its outputs; None: nothing depends on its
+        watchdog [cell s]
     """
 
     unit: int = 1
     model: str = "E1214"
     channel_count: int = E1214_COUNT
     inputs: tuple[InputChannel, ...] = PLANNED_INPUTS
-    outputs: tuple[OutputChannel, ...] = PLANNED_OUTPUTS
+    outputs: tuple[OutputChannel, ...] = ()
     poll_s: float = 0.04
     stale_s: float = 0.2
     watchdog_s: float | None = None
@@ -114,9 +106,8 @@ class IoConfig:
                 raise ValueError("two channels have the same name")
             if len({channel.channel for channel in channels}) != len(channels):
                 raise ValueError("two names are on the same channel")
-        names = {channel.name for channel in self.outputs}
-        if self.watchdog_s is not None and MOTOR_RELAY not in names:
-            raise ValueError(f"a watchdog needs the output {MOTOR_RELAY!r}")
+        if self.watchdog_s is not None and not self.outputs:
+            raise ValueError("a watchdog needs an output")
         if not 0 < self.poll_s < self.stale_s:
             raise ValueError(
                 f"poll_s must be positive and below stale_s, not {self.poll_s} and {self.stale_s}"

@@ -1,4 +1,4 @@
-"""The Moxa ioLogik E1214: inputs polled all the time, relays switched by name.
+"""The Moxa ioLogik E1214: inputs polled all the time, outputs switched by name.
 
 Register map: modbus_devices.md 7.1. The safety inputs read here are a copy of the safety chain:
 they may stop work early, but must never be relied on for safety (§7.4).
@@ -226,9 +226,10 @@ class CellIo:
     # --- relays ---
 
     async def set_outputs(self, outputs: Mapping[str, bool], *, force: bool = False) -> None:
-        """Close (True) or open relays by name, all in one request; others stay as they are.
+        """Close (True) or open relays by name, in the order given; nothing is sent to the others.
 
-        Writes only when something changes, unless ``force``.
+        A request that named them all would close the motors' relay again after a supervisor has
+        opened it. Writes only what changes, unless ``force``.
 
         Raises
         ------
@@ -243,13 +244,12 @@ class CellIo:
             if known is None:
                 known = await self._unit.read_coils(FIRST_RELAY, self._count)
             wanted = list(known)
-            for name, is_closed in outputs.items():
-                wanted[self._relay_of[name]] = is_closed
-            self._relays = known
-            if tuple(wanted) == known and not force:
-                return
             self._relays = None
-            await self._unit.write_coils(FIRST_RELAY, wanted, again=always)
+            for name, is_closed in outputs.items():
+                channel = self._relay_of[name]
+                if force or known[channel] is not is_closed:
+                    await self._unit.write_coil(FIRST_RELAY + channel, is_closed, again=always)
+                    wanted[channel] = is_closed
             self._relays = tuple(wanted)
 
     async def read_outputs(self) -> dict[str, bool]:
@@ -271,7 +271,7 @@ class CellIo:
     @property
     def watchdog_s(self) -> float | None:
         """Silence after which the block takes the motors' supply away; None: it never does."""
-        return self.config.watchdog_s
+        return self.config.watchdog_s if MOTOR_RELAY in self._relay_of else None
 
     async def fall_silent(self) -> bool:
         """Send nothing for the watchdog's time; return whether it has tripped.
@@ -283,24 +283,31 @@ class CellIo:
         ------
         ValueError : nothing depends on the watchdog
         """
-        if self.watchdog_s is None:
+        watchdog_s = self.config.watchdog_s
+        if watchdog_s is None:
             raise ValueError(f"{self.name}: no watchdog_s")
         async with self._talking, self._switching:
             self._read_at_s = self._attended_at_s = -math.inf
-            await self._clock.sleep(self.watchdog_s + TRIP_SLACK_S)
+            await self._clock.sleep(watchdog_s + TRIP_SLACK_S)
             has_tripped = await self.has_watchdog_tripped()
             self._is_trip_wanted = True
             await self._read_once(fresh_for_s=self._stale_s)
             return has_tripped
 
     async def restore_motor_supply(self) -> None:
-        """Clear the flag, close the relay in the motors' supply, and read it back.
+        """Clear the flag; close the relay in the motors' supply, if any, and read it back.
 
         Raises
         ------
         WatchdogOffError : the relay does not close
         """
         await self.clear_watchdog()
+        await self._close_motor_relay()
+        self._is_trip_wanted = False
+
+    async def _close_motor_relay(self) -> None:
+        if MOTOR_RELAY not in self._relay_of:
+            return
         await self.set_outputs({MOTOR_RELAY: True}, force=True)
         if not (await self.read_outputs())[MOTOR_RELAY]:
             raise WatchdogOffError(
@@ -308,20 +315,21 @@ class CellIo:
                 f"{self._relay_of[MOTOR_RELAY]}) does not close; check the output's mode and the "
                 "safe state in the block's web console"
             )
-        self._is_trip_wanted = False
 
     async def wait_tripped(self) -> None:
         """Wait for a watchdog flag that no `fall_silent` has caused."""
         await self._tripped.wait()
 
     async def prove_watchdog(self) -> None:
-        """Prove that the watchdog trips, then close its relay; nothing if the cell has none.
+        """Prove that the watchdog trips and opens all outputs, then close the motors' relay.
+
+        Nothing where no output depends on it. All other outputs are off afterwards.
 
         Raises
         ------
-        WatchdogOffError : it does not trip, or its relay does not close
+        WatchdogOffError : it does not trip, it leaves an output on, or the relay does not close
         """
-        watchdog_s = self.watchdog_s
+        watchdog_s = self.config.watchdog_s
         if watchdog_s is None:
             return
         self._is_trip_wanted = True  # the flag is up since the last controller left
@@ -330,9 +338,16 @@ class CellIo:
             raise WatchdogOffError(
                 f"{self._unit}: its watchdog has not tripped within "
                 f"{watchdog_s + TRIP_SLACK_S:.1f} s of silence, so a computer that freezes would "
-                f"not stop the arm; set the host connection watchdog to {watchdog_s:g} s in the "
-                "block's web console, all outputs safe when open, and let nothing else poll the "
-                "block; or leave `motor_relay` out of the cell file"
+                "leave its outputs as they are, the arm with its supply and the PLC with old "
+                f"signals; set the host connection watchdog to {watchdog_s:g} s in the block's web "
+                "console, all outputs safe when open, and let nothing else poll the block; or "
+                "leave `motor_relay` and `outputs` out of the cell file"
+            )
+        still_on = [name for name, is_on in (await self.read_outputs()).items() if is_on]
+        if still_on:
+            raise WatchdogOffError(
+                f"{self._unit}: its watchdog has left {', '.join(still_on)} on; set the safe state "
+                "of every output to open in the block's web console"
             )
         await self.restore_motor_supply()
 
@@ -383,7 +398,7 @@ class CellIo:
     async def _ask(self) -> tuple[bool, ...]:
         """Return all inputs; note a watchdog that has tripped."""
         bits = await self._unit.read_discrete_inputs(FIRST_INPUT, self._count)
-        if self.watchdog_s is not None and await self.has_watchdog_tripped():
+        if self.config.watchdog_s is not None and await self.has_watchdog_tripped():
             self._relays = None
             if not self._is_trip_wanted:
                 self._tripped.set()

@@ -13,6 +13,7 @@ from .gripper import FixedGripper, GraspReading, GripperReading, Hold
 from .io_block import Change, Changes, IoBlock, Polling, Signal
 from .lights import Lamp, LampUnit
 from .motor_watchdog import MotorWatchdog, SupplySense
+from .signal_outputs import SignalOutputs
 
 __all__ = [
     "GROUP",
@@ -42,6 +43,7 @@ __all__ = [
     "NoSettings",
     "Polling",
     "Signal",
+    "SignalOutputs",
     "Site",
     "Stop",
     "SupplySense",

@@ -48,6 +48,8 @@ class Site:
     polling : polling of an I/O block
     inputs : of an I/O block, by the name of the signal on each, counted from 0; a signal that is
         not here is where the driver has it
+    outputs : of an I/O block, by the name of the 24 V signal on each, counted from 0; empty where
+        the cell file names none
     lamps : lamps of a lamp unit
     capture : capture of a camera
     silence_s : silence of an arm: a line on which no byte has come back for so long is silent [cell
@@ -65,6 +67,7 @@ class Site:
     open_link: Callable[[], ModbusLink]
     polling: Polling | None = None
     inputs: Mapping[str, int] = field(default_factory=dict)
+    outputs: Mapping[str, int] = field(default_factory=dict)
     lamps: tuple[Lamp, ...] = ()
     capture: Capture | None = None
     silence_s: float = 0.5

@@ -8,20 +8,9 @@ the web console are not emulated; their status bits read 0.
 Sections (§) are those of modbus_devices.md.
 """
 
-from dataclasses import dataclass
-
 from ._map import E1214Config, build_map
 from ._signals import CellSignals
 from ._state import BlockState
-
-
-@dataclass(frozen=True, slots=True)
-class StackLight:
-    """The operator's view of the stack light."""
-
-    is_red: bool
-    is_amber: bool
-    is_green: bool
 
 
 class E1214Device:
@@ -85,16 +74,6 @@ class E1214Device:
         """Whether the contact in the supply of the arm's motors, if there is one, is closed."""
         relay = self._config.motor_relay
         return relay is None or self.is_motor_relay_bridged or self.is_closed(relay)
-
-    @property
-    def stack_light(self) -> StackLight:
-        """The visible state of the stack light."""
-        config = self._config
-        return StackLight(
-            is_red=self.is_closed(config.stack_red),
-            is_amber=self.is_closed(config.stack_amber),
-            is_green=self.is_closed(config.stack_green),
-        )
 
     def inputs(self) -> tuple[bool, ...]:
         """Return the inputs as the block reads them; unwired ones read 0."""

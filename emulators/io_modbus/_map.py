@@ -32,7 +32,6 @@ class E1214Config:
     safe_state : relays when the watchdog bites; one for each channel that the block has
     wired : inputs that the cell's six contacts are on, in the order of §7.4
     motor_relay : relay whose contact is in the supply of the arm's motors; None: none is
-    stack_red, stack_amber, stack_green : relays of the stack light; §7.4
     mac, ip, firmware, build, device_name : as read back at 5024 to 5040
     """
 
@@ -41,9 +40,6 @@ class E1214Config:
     safe_state: tuple[bool, ...] = (False,) * CHANNEL_COUNT
     wired: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
     motor_relay: int | None = None
-    stack_red: int = 3
-    stack_amber: int = 4
-    stack_green: int = 5
     mac: bytes = bytes.fromhex("0090e8000001")
     ip: bytes = bytes((192, 168, 127, 254))
     firmware: int = 0x0302_0000

@@ -201,6 +201,7 @@ class Layout:
     chute: tuple[PlacedBox, ...]
     trays: tuple[TrayLayout, ...]
     inputs: Mapping[str, int]
+    outputs: Mapping[str, int]
     drivers: Mapping[str, DriverChoice]
 
 
@@ -300,6 +301,7 @@ def _layout(raw: dict[str, Any]) -> Layout:
             for name, one in raw["trays"].items()
         ),
         inputs={name: int(channel) for name, channel in raw["interlocks"].items()},
+        outputs={name: int(channel) for name, channel in (raw.get("outputs") or {}).items()},
         drivers=_drivers(raw.get("devices") or {}),
     )
 

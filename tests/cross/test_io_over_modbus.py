@@ -8,15 +8,20 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import pytest
 from cross_bench import nothing_is_left, open_fds, until
 from modbus_bench import ModbusBench, modbus_bench
+from pymodbus.client import AsyncModbusTcpClient
 
+from controller.cell.batch.outputs import PlcSignals
+from controller.cell.journal import Journal
+from controller.cell.services.records import BatchRecord, RunProgress
 from drivers.errors import LinkError, WatchdogOffError, WrongDeviceError
 from drivers.io_modbus import CellIo, Change, IoConfig, OutputChannel, Signal
 from emulators.gripper_modbus import RobotiqDevice
-from emulators.io_modbus import E1212, CellSignals, E1214Config, E1214Device, StackLight
+from emulators.io_modbus import E1212, CellSignals, E1214Config, E1214Device
 
 # modbus_devices.md 7.4: the channel plan, and what each contact shows of a sound, empty cell
 SOUND = {
@@ -28,6 +33,8 @@ SOUND = {
     "acknowledge": Signal.NOT_OK,
 }
 UNKNOWN = dict.fromkeys(SOUND, Signal.UNKNOWN)
+NAMES = ("ready", "busy", "result_valid", "accept", "reject", "fault")
+SIGNALS = tuple(OutputChannel(name, number) for number, name in enumerate(NAMES))
 
 
 @pytest.fixture(autouse=True)
@@ -65,10 +72,10 @@ async def io_bench(
     device = E1214Device(signals, 1, config)
     async with modbus_bench("block", [device], [device], folder, speed=speed) as line:
         changes: list[Change] = []
-        wired = IoConfig()
+        wired = IoConfig(outputs=SIGNALS)
         if watchdog_s is not None:
-            others = tuple(one for one in wired.outputs if one.channel != 0)
-            outputs = (OutputChannel("motor_relay", 0), *others)
+            first = "motor_relay" if device.passes_motor_supply is False else "ready"
+            outputs = (OutputChannel(first, 0), *SIGNALS[1:])
             wired = IoConfig(outputs=outputs, watchdog_s=watchdog_s)
         io = CellIo(line.link, wired, on_change=changes.append)
         try:
@@ -137,13 +144,12 @@ async def test_a_broken_wire_is_not_healthy(bench: Bench, channel: int, name: st
 
 
 async def test_relays_are_switched_by_name_and_the_others_left(bench: Bench) -> None:
-    await bench.io.set_outputs({"stack_green": True, "backlight": True})
+    await bench.io.set_outputs({"fault": True, "ready": True})
     assert [bench.device.is_closed(n) for n in range(6)] == [True, *[False] * 4, True]
-    await bench.io.set_outputs({"stack_green": False, "stack_red": True})
-    assert bench.device.stack_light == StackLight(is_red=True, is_amber=False, is_green=False)
-    assert bench.device.is_closed(0)
+    await bench.io.set_outputs({"fault": False, "accept": True})
+    assert [bench.device.is_closed(n) for n in range(6)] == [True, False, False, True, False, False]
     closed = {name for name, is_closed in (await bench.io.read_outputs()).items() if is_closed}
-    assert closed == {"backlight", "stack_red"}
+    assert closed == {"ready", "accept"}
 
 
 async def test_a_block_that_is_switched_off_is_unknown_within_the_staleness_limit(
@@ -152,7 +158,7 @@ async def test_a_block_that_is_switched_off_is_unknown_within_the_staleness_limi
     async with io_bench(tmp_path) as bench:
         await bench.io.connect()
         await bench.shows()
-        await bench.io.set_outputs({"stack_green": True})
+        await bench.io.set_outputs({"fault": True})
         bench.device.is_powered = False
         clock = bench.line.clock
         began_s = clock.unheld_s()  # a last look at the block, or two, takes nothing of this
@@ -163,15 +169,15 @@ async def test_a_block_that_is_switched_off_is_unknown_within_the_staleness_limi
         assert clock.unheld_s() - began_s < limit_s
         bench.device.is_powered = True
         await bench.shows()
-        await bench.io.set_outputs({"stack_amber": True})  # what is known of relays was forgotten
-        assert bench.device.stack_light == StackLight(is_red=False, is_amber=True, is_green=False)
+        await bench.io.set_outputs({"reject": True})  # what is known of relays was forgotten
+        assert [n for n in range(6) if bench.device.is_closed(n)] == [4]
 
 
 async def test_a_server_that_dies_makes_all_unknown_and_is_found_again(bench: Bench) -> None:
     await bench.line.server.aclose()
     await until(lambda: bench.known() == UNKNOWN)
     with pytest.raises(LinkError):
-        await bench.io.set_outputs({"stack_red": True})
+        await bench.io.set_outputs({"accept": True})
     bench.signals.press_estop()
     await bench.line.server.start()
     await bench.shows(estop_ok=Signal.NOT_OK)
@@ -183,17 +189,17 @@ async def test_the_blocks_own_watchdog_is_told_and_cleared(tmp_path: Path) -> No
     config = E1214Config(watchdog_s=1.0, safe_state=(False, False, False, True, False, False))
     async with io_bench(tmp_path, config=config) as bench:
         await bench.io.connect()
-        await bench.io.set_outputs({"stack_green": True})
+        await bench.io.set_outputs({"fault": True})
         assert not await bench.io.has_watchdog_tripped()
         await bench.io.aclose()
         await bench.line.pass_time(1.5)
-        assert bench.device.stack_light.is_red
+        assert [n for n in range(6) if bench.device.is_closed(n)] == [3]
         await bench.io.connect()
         assert await bench.io.has_watchdog_tripped()
         await bench.io.clear_watchdog()
         assert not await bench.io.has_watchdog_tripped()
-        await bench.io.set_outputs({"stack_red": False, "stack_green": True})
-        assert bench.device.stack_light == StackLight(is_red=False, is_amber=False, is_green=True)
+        await bench.io.set_outputs({"accept": False, "fault": True})
+        assert [n for n in range(6) if bench.device.is_closed(n)] == [5]
 
 
 GUARDED = E1214Config(watchdog_s=1.0, motor_relay=0)
@@ -214,6 +220,66 @@ async def test_the_motors_get_their_supply_once_the_watchdog_is_proven(tmp_path:
         await bench.io.connect()
         await bench.io.prove_watchdog()  # the flag that is up by now is no hindrance, and no proof
         assert bench.device.passes_motor_supply
+
+
+UNWIRED = E1214Config(watchdog_s=1.0)  # signals alone depend on it
+
+
+async def test_signals_are_off_once_the_watchdog_is_proven_and_when_nobody_polls(
+    tmp_path: Path,
+) -> None:
+    async with io_bench(tmp_path, config=UNWIRED, watchdog_s=1.0) as bench:
+        await bench.io.connect()
+        assert bench.io.watchdog_s is None  # the motors do not depend on it
+        await bench.io.set_outputs({"accept": True})
+        await bench.io.prove_watchdog()
+        assert set((await bench.io.read_outputs()).values()) == {False}
+        await bench.io.set_outputs({"accept": True, "result_valid": True})
+        await bench.line.pass_time(5.0)
+        assert [n for n in range(6) if bench.device.is_closed(n)] == [2, 3]
+        await bench.io.aclose()  # as a controller that was killed
+        await bench.line.pass_time(1.5)
+        assert not any(bench.device.is_closed(n) for n in range(6))
+
+
+async def test_a_strangers_client_reads_what_the_run_tells(tmp_path: Path) -> None:
+    async with io_bench(tmp_path, config=UNWIRED, watchdog_s=1.0) as bench:
+        await bench.io.connect()
+        record = BatchRecord(cast(Journal, None), RunProgress(), lambda: signals.note())
+        signals = PlcSignals(bench.io, NAMES, record, bench.line.clock)
+        host, port = bench.line.server.address
+        async with AsyncModbusTcpClient(host, port=port) as stranger, signals.told():
+
+            async def reads(*on: str) -> None:
+                async with asyncio.timeout(60.0):
+                    while await outputs_read_by(stranger) != set(on):
+                        await bench.line.pass_time(0.1)
+
+            record.show_state("acquiring")
+            await reads("ready")
+            record.show_state("placing")
+            await reads("busy")
+            record.part.tray = "reject"
+            record._finished.append(record.part)
+            record.show_state("completing")
+            await reads("busy", "reject", "result_valid")
+            record.show_state("aborting")
+            await reads("fault")
+        assert not any(bench.device.is_closed(n) for n in range(6))
+
+
+async def outputs_read_by(stranger: AsyncModbusTcpClient) -> set[str]:
+    answer = await stranger.read_coils(0, count=6, device_id=1)
+    return {name for name, is_on in zip(NAMES, answer.bits[:6], strict=True) if is_on}
+
+
+async def test_a_watchdog_that_leaves_a_signal_on_is_refused(tmp_path: Path) -> None:
+    safe_state = (False, False, True, True, False, False)
+    config = E1214Config(watchdog_s=1.0, safe_state=safe_state)
+    async with io_bench(tmp_path, config=config, watchdog_s=1.0) as bench:
+        await bench.io.connect()
+        with pytest.raises(WatchdogOffError, match=r"left result_valid, accept on"):
+            await bench.io.prove_watchdog()
 
 
 async def test_a_watchdog_that_is_off_is_refused_before_the_relay_closes(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ def test_a_contact_is_on_the_input_that_the_cell_file_names() -> None:
     # the others healthy or empty as they stand: only where the door's is changes
     for door, supply in ((1, 4), (4, 1)):
         inputs = {"emergency_stop": 0, "door": door, "supply": supply, "part_in_fixture": 3}
-        block = make_io_block(None, signals, 1, inputs)
+        block = make_io_block(None, signals, 1, inputs, {})
         read = block.inputs()
         assert (read[0], read[door], read[supply]) == (True, False, True)
 
@@ -68,7 +68,7 @@ def test_settings_that_no_gripper_has_are_named() -> None:
 
 @pytest.mark.parametrize(("driver", "count"), [("", 6), ("moxa_e1214", 6), ("moxa_e1212", 8)])
 def test_the_io_block_has_as_many_channels_as_its_model(driver: str, count: int) -> None:
-    block = make_io_block(DriverChoice(driver), CellSignals(), 1, {})
+    block = make_io_block(DriverChoice(driver), CellSignals(), 1, {}, {})
     assert len(block.inputs()) == count
     assert block.inputs()[:2] == (True, True)  # the safety chain and the door
     assert not any(block.inputs()[6:])
@@ -76,4 +76,4 @@ def test_the_io_block_has_as_many_channels_as_its_model(driver: str, count: int)
 
 def test_an_io_block_that_cannot_be_emulated_is_named() -> None:
     with pytest.raises(LayoutError, match=r"devices\.io\.driver `acme` cannot be emulated"):
-        make_io_block(DriverChoice("acme"), CellSignals(), 1, {})
+        make_io_block(DriverChoice("acme"), CellSignals(), 1, {}, {})

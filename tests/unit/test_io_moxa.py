@@ -29,7 +29,10 @@ from drivers.modbus_link import ModbusLink, TcpAddress
 
 FAST = CellClock(speed=10.0, min_timeout_wall_s=1.0)  # no busy host looks like a silent block
 IMPATIENT = CellClock(speed=10.0, min_timeout_wall_s=0.12)  # where a time-out is what is tested
-LAZY = IoConfig(poll_s=0.1, stale_s=50.0)  # nothing gets stale while a test looks elsewhere
+NAMES = ("ready", "busy", "result_valid", "accept", "reject", "fault")
+SIGNALS = tuple(OutputChannel(name, number) for number, name in enumerate(NAMES))
+# nothing gets stale while a test looks elsewhere
+LAZY = IoConfig(outputs=SIGNALS, poll_s=0.1, stale_s=50.0)
 
 
 def e1214(model: str = "E1214") -> Map:
@@ -60,6 +63,7 @@ def built(
     settings: MoxaSettings,
     polling: Polling,
     inputs: Mapping[str, int] | None = None,
+    outputs: Mapping[str, int] | None = None,
 ) -> CellIo:
     """Return the block as a cell builds it; ``inputs`` as in its file, None for the usual ones."""
     site = Site(
@@ -70,6 +74,7 @@ def built(
         open_link=lambda: link,
         polling=polling,
         inputs=inputs or {},
+        outputs=outputs or {},
     )
     io = DRIVER.build(site, settings)
     assert isinstance(io, CellIo)
@@ -118,13 +123,30 @@ async def test_the_manuals_reply_switches_the_first_three_inputs_on() -> None:
     assert list(signals.values()) == [Signal.OK] * 3 + [Signal.NOT_OK] * 3
 
 
-async def test_two_relays_are_closed_with_the_manuals_own_request() -> None:
-    request, _ = golden("moxa_e1214", "relays_0_and_1_on")
+async def test_an_output_is_switched_with_the_manuals_own_request() -> None:
+    request, _ = golden("moxa_e1214", "output_0_on")
     bus = Bus({1: e1214().answer})
     async with io_on(bus) as (io, _):
-        await io.set_outputs({"backlight": True, "ring_light": True})
-    (write,) = [frame for frame in bus.requests if frame[7] == 15]
+        await io.set_outputs({"ready": True})
+    (write,) = [frame for frame in bus.requests if frame[7] == 5]
     assert write[2:] == request[2:]
+
+
+async def test_outputs_are_switched_in_the_order_given() -> None:
+    bus = Bus({1: e1214().answer})
+    async with io_on(bus) as (io, _):
+        await io.set_outputs({"reject": True, "ready": True, "accept": False, "busy": True})
+    assert [frame[9] for frame in bus.requests if frame[7] == 5] == [4, 0, 1]
+
+
+async def test_an_output_that_a_supervisor_has_opened_stays_open_beside_others() -> None:
+    block = e1214()
+    bus = Bus({1: block.answer})
+    async with io_on(bus) as (io, _):
+        await io.set_outputs({"fault": True})
+        block.coils[5] = False  # by another connection
+        await io.set_outputs({"ready": True})
+    assert (block.coils[0], block.coils[5]) == (True, False)
 
 
 async def test_relays_that_are_not_named_stay_and_nothing_new_sends_nothing() -> None:
@@ -132,14 +154,14 @@ async def test_relays_that_are_not_named_stay_and_nothing_new_sends_nothing() ->
     block.coils[4] = True
     bus = Bus({1: block.answer})
     async with io_on(bus) as (io, _):
-        await io.set_outputs({"stack_green": True})
-        await io.set_outputs({"stack_green": True})
-        await io.set_outputs({"stack_green": True}, force=True)
+        await io.set_outputs({"fault": True})
+        await io.set_outputs({"fault": True})
+        await io.set_outputs({"fault": True}, force=True)
         outputs = await io.read_outputs()
-    assert len([frame for frame in bus.requests if frame[7] == 15]) == 2
+    assert len([frame for frame in bus.requests if frame[7] == 5]) == 2
     assert [name for name, is_closed in outputs.items() if is_closed] == [
-        "stack_amber",
-        "stack_green",
+        "reject",
+        "fault",
     ]
 
 
@@ -151,7 +173,7 @@ async def test_after_a_switching_without_acknowledge_the_relays_are_asked_for() 
     def answer(pdu: bytes) -> bytes | None:
         nonlocal lost
         reply = block.answer(pdu)
-        if pdu[0] == 15 and not lost:
+        if pdu[0] == 5 and not lost:
             lost += 1
             return None  # done, but the acknowledge is lost
         return reply
@@ -159,15 +181,15 @@ async def test_after_a_switching_without_acknowledge_the_relays_are_asked_for() 
     bus.units[1] = answer
     async with io_on(bus, clock=IMPATIENT) as (io, _):
         with pytest.raises(ReplyTimeoutError):
-            await io.set_outputs({"stack_red": True})
-        await io.set_outputs({"stack_red": False})
+            await io.set_outputs({"accept": True})
+        await io.set_outputs({"accept": False})
     assert not block.coils[3]
 
 
 async def test_an_unknown_name_lists_the_known_ones() -> None:
     async with io_on(Bus({1: e1214().answer})) as (io, _):
-        with pytest.raises(ValueError, match=r"no output 'stack_blue'; there are backlight"):
-            await io.set_outputs({"stack_blue": True})
+        with pytest.raises(ValueError, match=r"no output 'pass'; there are ready, busy"):
+            await io.set_outputs({"pass": True})
         with pytest.raises(ValueError, match=r"no input 'estop'; there are estop_ok"):
             io.signal("estop")
 
@@ -192,12 +214,23 @@ async def test_the_watchdogs_flag_is_asked_for_and_cleared_with_the_pages_own_re
         assert sent[2:] == request[2:]
 
 
-def test_a_watchdog_takes_its_relay_from_the_lamps_and_is_fed_often_enough() -> None:
-    config = configured(MoxaSettings(motor_relay=2, watchdog_s=1.0), Polling(2.0, 10.0))
-    on_relay_2 = [one.name for one in config.outputs if one.channel == 2]
-    assert on_relay_2 == ["motor_relay"]
-    assert config.poll_s <= 0.2
+@pytest.mark.parametrize(
+    ("settings", "outputs"),
+    [(MoxaSettings(motor_relay=2), {}), (MoxaSettings(), {"ready": 2})],
+)
+def test_a_watchdog_that_an_output_depends_on_is_fed_often_enough(
+    settings: MoxaSettings, outputs: Mapping[str, int]
+) -> None:
+    config = configured(settings, Polling(2.0, 10.0), outputs)
+    assert [one.channel for one in config.outputs] == [2]
+    assert config.watchdog_s == settings.watchdog_s
+    assert config.poll_s <= config.watchdog_s / 5
     assert configured(MoxaSettings(), Polling(0.04, 0.2)).watchdog_s is None
+
+
+def test_a_signal_on_the_motors_relay_is_refused() -> None:
+    with pytest.raises(ValueError, match="two names are on the same channel"):
+        configured(MoxaSettings(motor_relay=2), Polling(0.04, 0.2), {"ready": 2})
 
 
 @pytest.mark.parametrize(
@@ -208,9 +241,11 @@ def test_a_watchdog_that_makes_no_sense_is_refused(settings: dict[str, Any], tol
         configured(MoxaSettings(**{"motor_relay": 0, **settings}), Polling(0.04, 0.2))
 
 
-def configured(settings: MoxaSettings, polling: Polling) -> IoConfig:
+def configured(
+    settings: MoxaSettings, polling: Polling, outputs: Mapping[str, int] | None = None
+) -> IoConfig:
     link = ModbusLink(TcpAddress("127.0.0.1", 1), FAST)
-    return built(link, settings, polling).config
+    return built(link, settings, polling, outputs=outputs).config
 
 
 # --- who is there ---
@@ -378,14 +413,14 @@ async def test_after_the_block_was_away_its_relays_are_asked_for_before_switchin
     block = e1214()
     bus = Bus({1: block.answer})
     async with io_on(bus, clock=IMPATIENT) as (io, _):
-        await io.set_outputs({"stack_green": True})
+        await io.set_outputs({"fault": True})
         await io.wait_for("estop_ok", Signal.OK)
         bus.silent_units.add(1)
         await io.wait_for("estop_ok", Signal.UNKNOWN)
         block.coils[5] = False  # it restarted, all relays open
         bus.silent_units.clear()
         await io.wait_for("estop_ok", Signal.OK)
-        await io.set_outputs({"stack_green": True})
+        await io.set_outputs({"fault": True})
     assert block.coils[5]
 
 

@@ -24,16 +24,16 @@ class CompleteAction:
 
     async def run(self) -> Event:
         """Count the part, at the end switch lamps off; return ``PART_DONE`` or ``BATCH_DONE``."""
-        self.record.finish_part()
         part = self.record.part
         assert part.verdict is not None
-        self.record.note(
+        await self.record.note_secured(
             PartDone(
                 verdict=part.verdict.verdict.value,
                 tray=part.tray,
                 recoveries=tuple(one.fault.value for one in part.recoveries),
             )
         )
+        self.record.finish_part()
         if self.record.parts_left > 0:
             return Event.PART_DONE
         await self.imaging.all_dark()

@@ -55,7 +55,7 @@ DEVICES: Final = (
     ),
     Alarm(
         208, "watchdog_off", _REFUSED, _IO,
-        "the watchdog that must cut the motors' supply did not trip",
+        "the watchdog that must open its outputs did not trip",
         "nothing",
         "set it in the block's web console (commissioning.md, the watchdog)",
     ),

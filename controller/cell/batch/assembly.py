@@ -9,7 +9,7 @@ from controller.config.interlock_rules import SIGNALS
 from controller.config.view_set import SetCalibration
 from controller.planning.model import CellLayout
 from drivers.clock import CellClock
-from drivers.kinds import Camera, Signal
+from drivers.kinds import Camera, Signal, SignalOutputs
 
 from ..actions import (
     AbortMotionAction,
@@ -77,6 +77,7 @@ from ..services import (
 from ..services.records import BatchProduct, BatchRecord, RunProgress
 from ..services.table import NO_NUMBERS, LabelOrder, Labels, Taking
 from .dispatcher import Dispatcher
+from .outputs import PlcSignals
 from .watching import (
     ArmWatcher,
     DiskWatcher,
@@ -104,6 +105,7 @@ class Batch:
     resumption : whether it begins with the part of an interrupted run
     taking : choice of the next part; its plan ahead is dropped at the end
     ahead : judges the part at hand ahead; dropped at the end
+    signals : tells a PLC at 24 V what the run does
     """
 
     record: BatchRecord
@@ -114,6 +116,7 @@ class Batch:
     resumption: Resumption
     taking: Taking
     ahead: JudgingAhead
+    signals: PlcSignals
 
 
 def product_of(
@@ -186,7 +189,14 @@ def assemble(
 
     nest_counts = {name: len(tray.nests) for name, tray in layout.trays.items() if tray.nests}
     trays = TrayRecord(nest_counts, stored)
-    record = BatchRecord(journal, progress, on_progress, trays, products)
+
+    def show() -> None:
+        on_progress()
+        signals.note()
+
+    record = BatchRecord(journal, progress, show, trays, products)
+    outputs = io if isinstance(io, SignalOutputs) else None
+    signals = PlcSignals(outputs, cell.outputs.wired, record, clock)
     compute = PartCompute(lambda: record.product.compute)
     gate = Gate(Permits(journal), clock, Approval(operator) if is_stepwise else None)
     retries = Retries(record, lambda: record.product.policy, clock)
@@ -296,7 +306,7 @@ def assemble(
         on_alarm,
         lambda: {name: _is_ok(io.signal(name)) for name in SIGNALS},
     )
-    return Batch(record, motion, gate, actions, dispatcher, resumption, taking, ahead)
+    return Batch(record, motion, gate, actions, dispatcher, resumption, taking, ahead, signals)
 
 
 def _is_ok(signal: Signal) -> bool | None:

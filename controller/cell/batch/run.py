@@ -296,7 +296,7 @@ class _Run:
             self.batch.record.progress.label = "connecting"
             show()
             self.journal.write(rows.Connected(await self.devices.connect()))
-            async with supervision:
+            async with supervision, self.batch.signals.told():
                 outcome = await self._run()
             show()
             return outcome

@@ -23,6 +23,7 @@ from drivers.kinds import (
     LampUnit,
     MotorWatchdog,
     Polling,
+    SignalOutputs,
     Site,
     Stop,
 )
@@ -154,8 +155,19 @@ class DeviceBuilder:
         return cast(LampUnit, self.device("lights"))
 
     def io(self) -> IoBlock:
-        """Return the I/O block."""
-        return cast(IoBlock, self.device("io"))
+        """Return the I/O block.
+
+        Raises
+        ------
+        ConfigError : as `device`, or it has no outputs and the cell file names some
+        """
+        block = cast(IoBlock, self.device("io"))
+        if self._cell.outputs.wired and not isinstance(block, SignalOutputs):
+            raise ConfigError(
+                f"outputs: the driver `{self._where['io']['driver']}` of the I/O block switches no "
+                "outputs; leave them out"
+            )
+        return block
 
     def camera(self, name: str) -> Camera:
         """Return a camera, ``overhead`` or ``inspection``."""
@@ -194,6 +206,7 @@ class DeviceBuilder:
             open_link=lambda: self._link(name),
             polling=polling if kind == "io" else None,
             inputs=self._inputs() if kind == "io" else {},
+            outputs=self._cell.outputs.wired if kind == "io" else {},
             lamps=lamps if kind == "lights" else (),
             capture=self._capture(name) if kind == "camera" else None,
             silence_s=self._cell.detection.arm_silent_s - self._cell.detection.arm_beat_s,

@@ -202,10 +202,11 @@ def _permissions(cell: Cell) -> list[Check]:
 
 
 async def _watchdog(io: IoBlock) -> str:
-    """Prove the watchdog in the motors' supply, if there is one; return its action."""
+    """Prove the block's watchdog, if anything depends on it; return its action on the motors."""
+    if isinstance(io, MotorWatchdog):
+        await io.prove_watchdog()
     if not isinstance(io, MotorWatchdog) or io.watchdog_s is None:
         return "none in the motors' supply: a computer that freezes does not stop the arm"
-    await io.prove_watchdog()
     return f"takes the motors' supply away after {io.watchdog_s:g} s of silence"
 
 

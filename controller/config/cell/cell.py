@@ -21,7 +21,14 @@ from ..interlock_rules import InterlockRules
 from ..yaml_models import Section, WrongKeyError
 from .arm import OtherArmSection, UmiSection, arm_section
 from .connect import ConnectSection
-from .devices import EMULATED, DetectionSection, DevicesSection, InterlocksSection, TimingSection
+from .devices import (
+    EMULATED,
+    DetectionSection,
+    DevicesSection,
+    InterlocksSection,
+    OutputsSection,
+    TimingSection,
+)
 from .optics import AccuracySection, CamerasSection, LampSection, StationSection
 from .surroundings import ChuteSection, FixedGripperSection, TableSection, TraysSection
 from .values import IN_MM, Box, require_all_different
@@ -85,6 +92,7 @@ class Cell(Section):
     chute: ChuteSection | None = None
     trays: TraysSection
     interlocks: InterlocksSection = InterlocksSection()
+    outputs: OutputsSection = OutputsSection()
     interlock_rules: InterlockRules = Field(default_factory=dict)
     accuracy: AccuracySection = AccuracySection()
     faults: FaultsSection = FaultsSection()

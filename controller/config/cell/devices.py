@@ -157,6 +157,44 @@ class InterlocksSection(Section):
         return self
 
 
+Output = Annotated[int, Field(ge=0, le=15)]
+
+
+class OutputsSection(Section):
+    """Outputs of the I/O block that tell a PLC at 24 V what is so, counted from 0; None: not wired.
+
+    All are off while no run is on, and once a run is killed or its computer stops.
+
+    Attributes
+    ----------
+    ready : the run looks for its next part
+    busy : the run is at anything else: homing, a part, a pause, a question
+    result_valid : `accept` and `reject` are of the part that was placed last; with neither on, it
+        is in quarantine
+    accept, reject : the tray in which that part was placed
+    held : the run asks a person
+    fault : the run aborts
+    """
+
+    ready: Output | None = None
+    busy: Output | None = None
+    result_valid: Output | None = None
+    accept: Output | None = None
+    reject: Output | None = None
+    held: Output | None = None
+    fault: Output | None = None
+
+    @property
+    def wired(self) -> dict[str, int]:
+        """The output of each signal that is wired."""
+        return self.model_dump(exclude_none=True)
+
+    @model_validator(mode="after")
+    def _outputs_differ(self) -> "OutputsSection":
+        require_all_different("output", self.wired)
+        return self
+
+
 class TimingSection(Section):
     """The controller's time-outs for the devices, in seconds of cell time.
 

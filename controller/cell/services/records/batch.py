@@ -128,6 +128,7 @@ class BatchRecord:
         self._finished.append(self.part)
         if self.part.product is not None or len(self.products) == 1:
             self._left[self.product.number] -= 1
+        self._on_progress()
 
     def count_as_done(self, number: int) -> None:
         """Count a part of a product, by its number, that an earlier run has done."""
