@@ -72,16 +72,26 @@ def read_bytes(path: Path, max_bytes: int, what: str) -> bytes:
     return bytes(data)
 
 
+def read_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal, however large it is.
+
+    Raises
+    ------
+    OSError : it cannot be read
+    """
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal.
+    """Return the SHA-256 of a file that a person has named, in hexadecimal.
 
     Raises
     ------
     ConfigError : it cannot be read
     """
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return read_sha256(path)
     except OSError as error:
         raise ConfigError(f"{path}: {reason_of(error)}") from error
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import tempfile
 import threading
 from collections.abc import Callable, Coroutine, Mapping, Sequence
@@ -18,6 +17,7 @@ from controller.cell.devices import DeviceBuilder, polling_of, resolve
 from controller.cell.devices.clocks import FoundClock, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.config import EMULATED, Cell, ConfigError, load_cell
+from controller.config.files import file_sha256
 from controller.config.interlock_rules import SIGNALS
 from controller.planning.motion import slides
 from controller.setup.drivers import KIND_OF, require_drivers
@@ -349,7 +349,7 @@ class Suite:
         return Findings(
             self._cell.name,
             self._path,
-            hashlib.sha256(self._path.read_bytes()).hexdigest(),
+            file_sha256(self._path),
             self._begun,
             tuple(self.tried.values()),
         )

@@ -257,25 +257,18 @@ def alarm_rows(record: RunRecord) -> list[Values]:
     found = []
     of_events = set()
     for entry in record.log:
-        alarm: rows.AlarmFields | int | None = getattr(entry.row, "alarm", None)
-        if not alarm:
+        alarm = rows.told_alarm(entry.row)
+        if alarm is None or (alarm.is_repeated and alarm.number in of_events):
             continue
-        if isinstance(alarm, rows.AlarmFields):
-            if isinstance(entry.row, rows.AtRest) and alarm.number in of_events:
-                continue
-            number, code, device = alarm.number, alarm.code, alarm.device
-            of_events.add(number)
-        else:
-            number, code = alarm, CODES.get(alarm, str(alarm))
-            device = str(getattr(entry.row, "device", ""))
+        of_events.add(alarm.number)
         found.append(
             {
                 "seq": entry.seq,
                 "part": entry.part or None,
                 "at": utc(entry.at),
-                "alarm": number,
-                "code": code,
-                "device": device,
+                "alarm": alarm.number,
+                "code": CODES.get(alarm.number, str(alarm.number)),
+                "device": alarm.device,
             }
         )
     return found

@@ -7,7 +7,15 @@ from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
 from controller.cell.alarms import BY_NUMBER
-from controller.cell.journal import Row, parts_of, row_at, rows, rows_behind, rows_of_parts
+from controller.cell.journal import (
+    Row,
+    parts_of,
+    read_row,
+    row_at,
+    rows,
+    rows_behind,
+    rows_of_parts,
+)
 from controller.results.exports import csv_text, dfq_bytes, qif_bytes
 from controller.results.judged import JudgedPart, judged_parts, result_json
 from controller.results.run import ResultsError, fold
@@ -278,18 +286,14 @@ def _alarm(cell: str, row: Row) -> AlarmNotice | None:
             change="acknowledged", number=None, code=str(body.get("code", "")), device=None,
             message=str(body.get("why", "")), action="", who=str(body.get("who", "")) or None,
         )  # fmt: skip
-    alarm = body.get("alarm") if isinstance(body, Mapping) else None
-    if row.name == rows.AtRest.row_name or not alarm:
-        return None  # the end repeats what an event has told
-    fields: Mapping[str, Any] = alarm if isinstance(alarm, Mapping) else {"number": alarm}
-    number = int(fields.get("number", 0))
-    known = BY_NUMBER.get(number)
-    if known is None:
+    try:
+        told = rows.told_alarm(read_row(row.kind, row.name, body))
+    except ValueError:  # not as this version writes it
         return None
-    message = next((str(body[key]) for key in ("message", "error", "reason") if body.get(key)), "")
+    if told is None or told.is_repeated or (known := BY_NUMBER.get(told.number)) is None:
+        return None
     return AlarmNotice(
         cell=cell, run=row.run, part=row.part or None, seq=row.seq, at=at, change="raised",
-        number=number, code=known.code, message=message or known.words,
-        device=str(fields.get("device") or body.get("device") or "") or None,
-        action=str(fields.get("action") or known.action),
+        number=told.number, code=known.code, message=told.message or known.words,
+        device=told.device or None, action=told.action or known.action,
     )  # fmt: skip

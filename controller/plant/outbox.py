@@ -9,8 +9,10 @@ kept for a person (`cellctl deliveries`).
 import asyncio
 import fcntl
 import logging
+import math
 import os
 import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
@@ -43,6 +45,9 @@ FIRST_PAUSE_WALL_S: Final = 1.0
 LONGEST_PAUSE_WALL_S: Final = 300.0
 REFUSED_TRIES: Final = 3  # a receiver may refuse for a moment what it takes after a restart
 BUSY_WALL_S: Final = 10.0
+# A place behind rows that tell nothing is stored this often: a row comes each 0.1 s, and a place
+# costs a sync of the disk; after a crash these rows are read once more.
+STORE_WALL_S: Final = 10.0
 
 TABLES: Final = """
 CREATE TABLE IF NOT EXISTS couriers (
@@ -276,6 +281,9 @@ class Outbox:
         self._cell = cell
         self._from_start = from_start
         self._mark: object = None
+        # By journal: the place that is stored, and the row behind it up to which nothing is told.
+        self._passed: dict[str, tuple[Head | None, Head]] = {}
+        self._stored_wall_s = -math.inf
 
     async def run(self) -> None:
         """Deliver until cancelled."""
@@ -312,6 +320,7 @@ class Outbox:
         """
         mark = await asyncio.to_thread(journal_mark, self._runs_dir / JOURNAL_NAME)
         if mark == self._mark:
+            await self._store_passed()
             return
         await asyncio.to_thread(self._begin)
         every = await asyncio.to_thread(journals_of, self._runs_dir)
@@ -331,7 +340,8 @@ class Outbox:
     async def _deliver_from(self, key: str, path: Path) -> None:
         """Deliver what a journal has behind the receiver's place, and move the place row by row."""
         name = self._courier.name
-        head = await asyncio.to_thread(self._book.place, name, key)
+        stored = await asyncio.to_thread(self._book.place, name, key)
+        head = await self._passed_from(key, path, stored) or stored
         seq = 0 if head is None else head.seq
         if head is not None and seq and await asyncio.to_thread(row_at, path, seq) != head:
             raise OutboxError(
@@ -346,9 +356,13 @@ class Outbox:
                 for notice in notices:
                     await self._send(notice)
                 await self._confirm(key, path, at)
-            if not told or told[-1][0] < last:
-                await self._confirm(key, path, last)
+            if (not told or told[-1][0] < last) and (
+                head := await asyncio.to_thread(row_at, path, last)
+            ):
+                stored = await asyncio.to_thread(self._book.place, name, key)
+                self._passed[key] = (stored, head)
             seq = last
+        await self._store_passed()
         if broken is not None:
             raise OutboxError(
                 f"{path}: row {broken.seq} of run {broken.run} {broken.why}; nothing from there on "
@@ -360,6 +374,28 @@ class Outbox:
         head = await asyncio.to_thread(row_at, path, seq)
         if head is not None:
             await asyncio.to_thread(self._book.set_place, self._courier.name, key, head)
+        self._passed.pop(key, None)
+
+    async def _passed_from(self, key: str, path: Path, stored: Head | None) -> Head | None:
+        """Return the row up to which nothing is told behind a stored place; None if not known.
+
+        It does not hold where a person has set the place meanwhile, or the journal is another one.
+        """
+        before, passed = self._passed.get(key, (None, NO_ROW))
+        is_known = bool(passed.seq) and before == stored
+        if is_known and await asyncio.to_thread(row_at, path, passed.seq) == passed:
+            return passed
+        self._passed.pop(key, None)
+        return None
+
+    async def _store_passed(self) -> None:
+        """Store the places behind rows that tell nothing, if it is time."""
+        if not self._passed or time.monotonic() < self._stored_wall_s + STORE_WALL_S:
+            return
+        for key, (_, head) in self._passed.items():
+            await asyncio.to_thread(self._book.set_place, self._courier.name, key, head)
+        self._passed.clear()
+        self._stored_wall_s = time.monotonic()
 
     async def _send(self, notice: Notice | UntellableError) -> None:
         if isinstance(notice, UntellableError):

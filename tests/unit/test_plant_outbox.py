@@ -12,7 +12,7 @@ import pytest
 from results_bench import RunWriter, bad_run, good_run, verdict, view
 
 from controller.cell.custody import Custody
-from controller.cell.journal import JOURNAL_NAME, append_beside, rows
+from controller.cell.journal import JOURNAL_NAME, Head, append_beside, rows
 from controller.cli import main
 from controller.plant.folding import notices_after, result_of, whole_result
 from controller.plant.model import AlarmNotice, Notice, PartResult
@@ -345,3 +345,38 @@ def test_a_run_of_two_parts_is_told_part_by_part(tmp_path: Path) -> None:
         (1, 1, "accept"), (2, 1, "reject"),
     ]  # fmt: skip
     assert results[0].seq < results[1].seq
+
+
+class CountingBook(Book):
+    """A book that counts how often a place is stored."""
+
+    count = 0
+
+    def set_place(self, courier: str, journal: str, head: Head) -> None:
+        self.count += 1
+        super().set_place(courier, journal, head)
+
+
+def test_a_row_that_tells_nothing_costs_no_sync_of_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, book, receiver = good_run(tmp_path), CountingBook(tmp_path), Receiver()
+    outbox = Outbox(tmp_path, book, receiver, "cell-3", from_start=True)
+    asyncio.run(outbox.deliver_new())
+    before, told = book.count, list(receiver.taken)
+    for _ in range(5):
+        append_beside(tmp_path / JOURNAL_NAME, folder.name, rows.GraspAvoided(grasp="G1"), 1)
+        asyncio.run(outbox.deliver_new())
+    assert (book.count, receiver.taken) == (before, told)
+    review(tmp_path, folder.name)
+    asyncio.run(outbox.deliver_new())
+    assert (book.count, len(receiver.taken)) == (before + 1, len(told) + 1)
+    append_beside(tmp_path / JOURNAL_NAME, folder.name, rows.GraspAvoided(grasp="G2"), 1)
+    asyncio.run(outbox.deliver_new())
+    monkeypatch.setattr("controller.plant.outbox.STORE_WALL_S", 0.0)
+    asyncio.run(outbox.deliver_new())  # nothing is new, and it is time
+    (place,) = (one for one in book.places() if one.journal)
+    assert behind(tmp_path, place) == 0
+    again = Receiver()
+    deliver(tmp_path, again, from_start=False)
+    assert again.taken == []

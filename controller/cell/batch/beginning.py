@@ -11,6 +11,7 @@ from typing import Any
 from controller.cad.reading import files_of
 from controller.config import Cell
 from controller.config.calibrations import read_calibrations, standing_of
+from controller.config.files import file_sha256
 from controller.config.view_set import SetCalibration
 from controller.setup.software import software_versions
 
@@ -107,7 +108,7 @@ def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.R
     files = input_files(order)
     return rows.RunBegan(
         recipe=order.recipe.model_dump(mode="json", by_alias=True),
-        files={str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
+        files={str(path): file_sha256(path) for path in files},
         cell=order.cell.model_dump(mode="json", by_alias=True),
         devices={
             name: dict(settings) | {"emulated": name in emulated_names}

@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import hashlib
 import os
 import tempfile
 from collections import defaultdict, deque
@@ -18,6 +17,7 @@ from controller.cell.compute import Compute, Job
 from controller.cell.devices import Devices
 from controller.cell.devices.clocks import FoundClock
 from controller.config import Cell, load_cell, load_recipe
+from controller.config.files import read_sha256
 from controller.virtual_time import NothingLeftError
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
@@ -102,7 +102,7 @@ def inputs_of(reader: WireReader) -> Iterator[ReplayFiles]:
 
 def _digest(path: Path) -> str:
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return read_sha256(path)
     except OSError:
         return ""
 

@@ -1,14 +1,12 @@
 """`cellctl inspect`: read a set of views with its pictures, judge the part, print the result."""
 
-import hashlib
 import os
 import time
 from datetime import UTC, datetime
 from pathlib import Path
 
 from controller.config import ConfigError, split_cad
-from controller.config.cad_files import MAX_CAD_BYTES
-from controller.config.files import read_bytes
+from controller.config.files import file_sha256
 from controller.config.view_set import ViewSetFile, load_view_set
 from controller.inspection import Verdict
 from controller.results.judged import Header
@@ -95,9 +93,9 @@ def _header(
     return Header(
         part=name,
         recipe="" if recipe is None else recipe.name,
-        recipe_sha256="" if recipe is None else _sha256(recipe),
+        recipe_sha256="" if recipe is None else file_sha256(recipe),
         cad=cad.name,
-        cad_sha256=_sha256(cad.file),
+        cad_sha256=file_sha256(cad.file),
         software=software_versions(),
         start=began,
         end=datetime.now(UTC),
@@ -113,7 +111,3 @@ def _files(set_path: Path, file: ViewSetFile) -> dict[str, dict[str, str]]:
         }
         for view in file.views
     }
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(read_bytes(path, MAX_CAD_BYTES, "a CAD file")).hexdigest()

@@ -1,7 +1,6 @@
 """`cellctl recover --accept`: go on with the part of an interrupted run by that run's recipe."""
 
 import getpass
-import hashlib
 import os
 import shutil
 import socket
@@ -23,6 +22,7 @@ from controller.cell.operator import Answer, Question
 from controller.cell.recovery import Interrupted, fold_interrupted
 from controller.cell.services.records import RECIPE_COPY, inputs_of
 from controller.config import STEP_FORMATS, Cell, ConfigError, load_cell, split_cad
+from controller.config.files import file_sha256
 
 from ..inputs.recipes import AskedRecipe
 from ..terminal.output import warn
@@ -169,4 +169,4 @@ def recipe_of(left: Interrupted, folder: Path) -> Path:
 
 
 def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    return file_sha256(path) if path.is_file() else ""

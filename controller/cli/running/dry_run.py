@@ -2,7 +2,6 @@
 
 import asyncio
 import sys
-from hashlib import sha256
 from pathlib import Path
 
 from controller.cad import StablePose
@@ -14,6 +13,7 @@ from controller.cell.compute.checks import check_sizes
 from controller.cell.plans import PlanCache
 from controller.commissioning.procedure import StepEnd, StepRecord
 from controller.config import Cell, ConfigError, Recipe, load_cell, load_recipe
+from controller.config.files import file_sha256
 from controller.results.run import load_run
 from controller.results.writing import write_html
 from controller.setup.drivers import require_drivers
@@ -157,7 +157,7 @@ async def _drive(
             DryOrder(
                 recipe=recipe,
                 cell=cell,
-                files={str(path): sha256(path.read_bytes()).hexdigest() for path in files},
+                files={str(path): file_sha256(path) for path in files},
                 plans=(plan,),
                 emulated=inside.ready,
                 clock=inside.clock,

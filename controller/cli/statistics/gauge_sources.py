@@ -12,7 +12,7 @@ from typing import Any, Final
 from controller.cell.journal import rows
 from controller.config import ConfigError, split_cad
 from controller.config.cad_files import cad_identity
-from controller.config.files import read_bytes
+from controller.config.files import file_sha256
 from controller.config.view_set import load_view_set
 from controller.results.gauge import Reading
 from controller.results.judged import Header, JudgedPart, counted_parts
@@ -29,7 +29,6 @@ from controller.stored import (
 
 from ..terminal.output import warn
 
-MAX_FILE_BYTES: Final = 2**30
 # A part put down on a mark by hand lies as exactly as this; farther away is another start pose.
 SAME_START_MM: Final = 3.0
 SAME_START_DEG: Final = 3.0
@@ -139,7 +138,7 @@ def _take_set(
     judging = judging_of(path, file, recipe_path, warn=warn)
     part = compiled_part(path, file)
     cad = split_cad(file.part)
-    identity = cad_identity(cad.name, _sha256(cad.file))
+    identity = cad_identity(cad.name, file_sha256(cad.file))
     found.require_product(str(path), part.solid.name, identity)
     name, start, grasp = (*names, *("", "", str(number))[len(names) :])
     if not names:
@@ -155,7 +154,7 @@ def _take_set(
         source = str(path) if len(repeats) == 1 else f"{path}, repeat {k} of {len(repeats)}"
         found.take(
             Reading(name, start, grasp, source, kept.part.characteristics, grasps),
-            {file.name: _sha256(file) for file in (path, cad.file, *pictures)},
+            {file.name: file_sha256(file) for file in (path, cad.file, *pictures)},
         )
 
 
@@ -228,7 +227,3 @@ def _grasps_in(views: Path) -> Mapping[str, int]:
         return grasp_numbers(load_view_set(views))
     except ConfigError:
         return {}
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(read_bytes(path, MAX_FILE_BYTES, "a file")).hexdigest()

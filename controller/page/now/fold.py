@@ -305,28 +305,20 @@ class RunFold:
 
     def _take_people(self, row: Row, body: rows.Body | None) -> None:
         """Take a row about a person's action or a notice to a person."""
+        if (alarm := rows.told_alarm(body)) is not None:
+            self._alarm(row, alarm)
         match body:
             case rows.RunBegan() if body.operator:
                 self._act(row, "start", body.operator, "", "handled")
             case rows.CellEvent():
                 if body.answer == "handled":
                     self.state = body.target
-                if body.alarm is not None:
-                    self._alarm(row, body.alarm.number, body.message, body.alarm.device)
                 if body.who:
                     self._act(row, row.name, body.who, body.why, body.answer)
             case rows.QuestionAnswered():
                 self._act(row, f"answer {body.choice}", body.who, body.why, "handled")
             case rows.Acknowledged():
                 self._act(row, "ack", body.who, body.why, "handled")
-            case rows.AtRest() if body.alarm is not None:
-                self._alarm(row, body.alarm.number, body.message, body.alarm.device)
-            case rows.RecoveryBegun():
-                self._alarm(row, body.alarm, body.reason)
-            case rows.DeviceRetried() | rows.StopNotConfirmed():
-                self._alarm(row, body.alarm, body.error, body.device)
-            case rows.SourceDemoted():
-                self._alarm(row, body.alarm, body.reason)
             case _:
                 pass
 
@@ -344,23 +336,23 @@ class RunFold:
             self.pictures.append(name)
         return found
 
-    def _alarm(self, row: Row, number: int, message: str, device: str = "") -> None:
-        alarm = BY_NUMBER.get(number)
+    def _alarm(self, row: Row, told: rows.ToldAlarm) -> None:
+        alarm = BY_NUMBER.get(told.number)
         if alarm is None:
             return
-        if self._alarms and self._alarms[-1]["number"] == number:
+        if self._alarms and self._alarms[-1]["number"] == told.number:
             same = self._alarms[-1]
-            if same["message"] == message:
+            if same["message"] == told.message:
                 same["times"] += 1
                 same["at"] = row.t_utc
                 return
         self._alarms.append(
             {
-                "number": number,
+                "number": told.number,
                 "severity": alarm.severity.value,
                 "words": alarm.words,
-                "message": message,
-                "device": device or alarm.device,
+                "message": told.message,
+                "device": told.device or alarm.device,
                 "unknown": alarm.unknown,
                 "todo": alarm.action,
                 "at": row.t_utc,

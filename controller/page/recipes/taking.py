@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import shutil
@@ -14,6 +13,7 @@ from typing import Final
 from controller.cad.compiled import UNITLESS
 from controller.config import ConfigError, is_cell_file, load_recipe, yaml_tree
 from controller.config.cad_files import body_name, body_path
+from controller.config.files import file_sha256
 
 STEM: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 PARTS: Final = "parts"
@@ -97,9 +97,7 @@ class UploadStage:
         self._folder = Path(tempfile.mkdtemp(prefix="cellctl-sent-"))
         kept = self._folder / name
         shutil.copyfile(path, kept)
-        with kept.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-        self.file = Staged(kept, sha256)
+        self.file = Staged(kept, file_sha256(kept))
         return self.file
 
     def clear(self) -> None:
@@ -176,11 +174,10 @@ def _put_part(staged: Staged, part: Path) -> bool:
         with part.open("xb") as written, staged.path.open("rb") as kept:
             shutil.copyfileobj(kept, written)
     except FileExistsError:
-        with part.open("rb") as there:
-            if hashlib.file_digest(there, "sha256").hexdigest() != staged.sha256:
-                raise ConfigError(
-                    f"{PARTS}/{part.name} is there already and is another file; rename yours"
-                ) from None
+        if file_sha256(part) != staged.sha256:
+            raise ConfigError(
+                f"{PARTS}/{part.name} is there already and is another file; rename yours"
+            ) from None
         return False
     return True
 

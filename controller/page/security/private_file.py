@@ -30,6 +30,24 @@ def read_private(path: Path) -> bytes | None:
         return None
 
 
+def read_secret(path: Path) -> bytes:
+    """Return the content of a file of this user without blanks around it.
+
+    Raises
+    ------
+    OSError : it is not there, cannot be read, others may read or change it, or it is empty
+    """
+    try:
+        found = read_private(path)
+    except SharedFileError as error:
+        raise OSError(str(error)) from error
+    if found is None:
+        raise FileNotFoundError(f"{path}: there is no such file")
+    if not found.strip():
+        raise OSError(f"{path}: it is empty")
+    return found.strip()
+
+
 def write_private(path: Path, text: str) -> None:
     """Write a file that only this user may read, whole or not at all.
 

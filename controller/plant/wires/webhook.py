@@ -10,7 +10,7 @@ from typing import Final
 from urllib.parse import SplitResult, urlsplit
 
 from controller.config.cell.connect import WebhookSection
-from controller.page.security.private_file import read_private
+from controller.page.security.private_file import read_secret
 
 from ..model import Notice
 from ..plant import Plant, PlantError, RejectedError
@@ -56,14 +56,14 @@ class Webhook:
         self._at: SplitResult = urlsplit(section.url)
         path = folder / section.secret_file
         try:
-            secret = (read_private(path) or b"").strip()
-        except Exception as error:
-            raise PlantError(f"`connect.webhook.secret_file`: {error}") from error
-        if len(secret) < MIN_SECRET:
+            secret = read_secret(path)
+            if len(secret) < MIN_SECRET:
+                raise OSError(f"{path}: {len(secret)} bytes; a secret has {MIN_SECRET} or more")
+        except OSError as error:
             raise PlantError(
-                f"`connect.webhook.secret_file`: {path} has {len(secret)} bytes; a secret has "
-                f"{MIN_SECRET} or more: openssl rand -hex 32 > {path} && chmod 600 {path}"
-            )
+                f"`connect.webhook.secret_file`: {error}: openssl rand -hex 32 > {path} && "
+                f"chmod 600 {path}"
+            ) from error
         self._secret = secret
         ca = None if section.ca_file is None else str(folder / section.ca_file)
         try:

@@ -1,7 +1,6 @@
 """The CAD model of a run's part, for drawings: only the file that the run had."""
 
 import glob
-import hashlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from controller.cad.compiled import load_part, options_among
 from controller.cell.services.records import INPUTS
 from controller.config import split_cad
 from controller.config.cad_files import body_path
+from controller.config.files import file_sha256
 
 from ..run import PartReport, RunRecord
 
@@ -35,11 +35,7 @@ def solid_of(recipe: Mapping[str, Any], files: Mapping[str, str], folder: Path) 
     sha256_then = files.get(str(source.file))
     if sha256_then is None:
         return "the journal does not name the CAD file"
-    found = [
-        (path, hashlib.sha256(path.read_bytes()).hexdigest())
-        for path in _copies(source.file, folder)
-        if path.is_file()
-    ]
+    found = [(path, file_sha256(path)) for path in _copies(source.file, folder) if path.is_file()]
     path = next((path for path, sha256 in found if sha256 == sha256_then), None)
     if path is None and not found:
         return f"the CAD file {source.file.name} is no longer where the run found it"

@@ -4,7 +4,6 @@ Not provable: anyone with write access to the folder can rewrite all of it, chai
 hash that was noted elsewhere reveals that (`head`).
 """
 
-import hashlib
 import sqlite3
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from controller.cell.journal import (
     read_rows,
     rows,
 )
+from controller.config.files import read_sha256
 
 from ._stored import copies_in, stored_files
 from .copies import RunPictures
@@ -30,7 +30,6 @@ from .model import ResultsError
 
 PICTURES: Final = "pictures"
 RESULTS: Final = ("report.*", "*.views.json")  # files of a run that must be in its journal
-CHUNK_BYTES: Final = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +124,7 @@ def note_results(runs_dir: Path, run_id: str, files: Sequence[Path]) -> None:
     broken = first_broken_row(path)
     if broken is not None:
         raise JournalError(f"journal {path}: row {broken} is broken, so nothing is added to it")
-    digests = {file.relative_to(folder).as_posix(): _sha256(file) for file in inside}
+    digests = {file.relative_to(folder).as_posix(): read_sha256(file) for file in inside}
     append_beside(path, run_id, rows.FilesStored(digests))
 
 
@@ -164,7 +163,7 @@ def _changed(
             yield Tampering(file, f"is missing; row {seq} has its hash")
         else:
             try:
-                is_same = _sha256(path) == digest
+                is_same = read_sha256(path) == digest
             except OSError as error:
                 yield Tampering(file, f"cannot be read: {error.strerror}")
                 continue
@@ -180,11 +179,3 @@ def _strange(folder: Path, stored: dict[str, tuple[str, int]]) -> Iterator[Tampe
         file = path.relative_to(folder).as_posix()
         if file not in stored:
             yield Tampering(file, "is not in the journal")
-
-
-def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while chunk := file.read(CHUNK_BYTES):
-            digest.update(chunk)
-    return digest.hexdigest()

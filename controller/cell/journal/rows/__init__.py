@@ -13,6 +13,7 @@ The models are grouped by subject: `_events`, `_deeds` (intents, outcomes, custo
 `_observations` and `_decisions`; `_models` finds the one of a row.
 """
 
+from ._alarms import ToldAlarm, told_alarm
 from ._body import (
     Body,
     Box,
@@ -228,6 +229,7 @@ __all__ = [
     "TablePictures",
     "Text",
     "TextByName",
+    "ToldAlarm",
     "TouchedDown",
     "TrayEmptied",
     "TraysStood",
@@ -243,4 +245,5 @@ __all__ = [
     "label_of",
     "name_of",
     "read_row",
+    "told_alarm",
 ]

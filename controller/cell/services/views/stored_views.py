@@ -1,7 +1,6 @@
 """Views of an interrupted run, judged again from stored pictures."""
 
 import asyncio
-import hashlib
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from controller.cell.devices.lamps import STATION_PANEL, TABLE_LAMPS, TABLE_PANE
 from controller.cell.journal.rows import FilesStored, TablePictures
 from controller.cell.recovery import Interrupted, TakenView
 from controller.cell.services.records import BatchRecord, PartInGripper, Shown, grasp_of
+from controller.config.files import read_sha256
 from controller.config.view_set import unpacked
 from controller.planning.model import CellLayout
 from drivers.pictures import BrokenPictureError
@@ -158,5 +158,5 @@ def _copy(source: Path, target: Path, files: tuple[str, ...]) -> dict[str, str]:
             continue
         (target / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source / file, target / file)
-        found[file] = hashlib.sha256((target / file).read_bytes()).hexdigest()
+        found[file] = read_sha256(target / file)
     return found

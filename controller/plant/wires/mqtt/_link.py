@@ -24,7 +24,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from controller.config.cell.mqtt import MqttSection
-from controller.page.security.private_file import SharedFileError, read_private
+from controller.page.security.private_file import read_secret
 
 from ...plant import RejectedError
 
@@ -71,10 +71,7 @@ class Access:
         """
         if (name := self.settings.password_file) is None:
             return None
-        text = (_private(self.folder / name) or b"").decode(errors="replace").strip()
-        if not text:
-            raise OSError(f"{self.folder / name}: no password in it")
-        return text
+        return read_secret(self.folder / name).decode(errors="replace")
 
     def tls(self) -> ssl.SSLContext | None:
         """Return the certificates.
@@ -91,21 +88,11 @@ class Access:
             context = ssl.create_default_context(cafile=ca)
             context.minimum_version = ssl.TLSVersion.TLSv1_2
             if files.certificate and files.key:
-                _private(self.folder / files.key)
+                read_secret(self.folder / files.key)
                 context.load_cert_chain(self.folder / files.certificate, self.folder / files.key)
         except ssl.SSLError as error:
             raise OSError(f"connect.mqtt.tls: {error}; are these PEM files?") from error
         return context
-
-
-def _private(path: Path) -> bytes | None:
-    try:
-        found = read_private(path)
-    except SharedFileError as error:
-        raise OSError(str(error)) from error
-    if found is None:
-        raise FileNotFoundError(f"{path}: there is no such file")
-    return found
 
 
 class Link(aiomqtt.Client):
