@@ -419,3 +419,26 @@ def _facts(cell: Cell, name: str, kind: str) -> dict[str, Any]:
             "within_limits": layout.arm.within_limits,
         }
     return {}
+
+
+def try_emulated(path: Path, name: str) -> tuple[RequirementResult, ...]:
+    """Return what came of each requirement on one device of a cell file, known to be emulated.
+
+    For the tests of a driver (docs/drivers.md). Nobody is asked: whoever calls this vouches that no
+    metal is behind the device's address. A real device is tried by `pytest --cell`.
+
+    Parameters
+    ----------
+    path : cell file
+    name : name of the device in it
+
+    Raises
+    ------
+    ConfigError : the cell file cannot be used, or has no such device
+    """
+    suite = Suite(path, (name,), speed=1.0, allow_motion=True, prompt=lambda _: True)
+    try:
+        suite.open()
+        return tuple(suite.attempt(name, one) for one in suite.requirements(name))
+    finally:
+        suite.close()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -117,6 +118,29 @@ def test_wheel_and_sdist_are_named_by_version_and_the_wheel_knows_its_commit(
     done = installed("--version")
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == f"cellctl {stated}, commit {built.commit}\n"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["arm", "camera", "gripper", "lights"])
+def test_a_driver_is_laid_out_installed_and_passes_its_tests(
+    installed: Installed, kind: str
+) -> None:
+    done = installed("init", f"own_{kind}", "--driver", "omega", "--kind", kind)
+    assert done.returncode == 0, done.stderr
+    folder = installed.folder / f"own_{kind}"
+    python = installed.cellctl.with_name("python")
+    subprocess.run(
+        [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet", "--no-deps",
+         "--no-index", "--no-build-isolation", "--disable-pip-version-check", str(folder)],
+        check=True, env=installed.env,
+    )  # fmt: skip
+    tried = subprocess.run(
+        [str(python), "-m", "pytest", "-q", "-p", "no:cacheprovider", "-W", "ignore"],
+        cwd=folder, env=installed.env,
+        capture_output=True, text=True, check=False, timeout=LIMIT_S,
+    )  # fmt: skip
+    assert tried.returncode == 0, tried.stdout
+    assert re.search(r"^\d passed", tried.stdout, re.M), tried.stdout
 
 
 def test_it_runs_from_the_wheel_and_not_from_the_checkout(installed: Installed) -> None:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import six_axis_arm
 from acme_device import acme_device
 from installed_here import register
 
@@ -21,6 +20,7 @@ from controller.cell.devices import DeviceBuilder, resolve
 from controller.cell.machine import Effect
 from controller.cell.plans.planning import model_hash
 from controller.cli import main
+from controller.cli.project.starter.drivers.arm import model as six_axis_model
 from controller.config import EMULATED_CELL, ConfigError, load_cell
 from controller.planning.motion import tcp_pose
 from controller.setup.drivers import (
@@ -361,13 +361,14 @@ def test_plans_are_kept_apart_by_what_the_model_holds_and_by_its_source(
 ) -> None:
     six, umi = build_layout(load_cell(six_axis_file(SHAPE))), build_layout(load_cell(EMULATED_CELL))
     assert model_hash(six.arm) != model_hash(umi.arm)
-    source = Path(six_axis_arm.__file__).read_text()
-    changed = tmp_path / "six_axis_arm.py"
-    changed.write_text(source)
-    monkeypatch.setattr(six_axis_arm, "__file__", str(changed))
-    assert model_hash(six.arm) == (before := model_hash(six.arm))
-    changed.write_text(source.replace("90.0", "91.0", 1))
-    assert model_hash(six.arm) != before
+    source = Path(six_axis_model.__file__).read_text()
+    hashes = []
+    for name, text in (("same", source), ("other", source.replace("90.0", "91.0", 1))):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "model.py").write_text(text)
+        monkeypatch.setattr(six_axis_model, "__file__", str(tmp_path / name / "model.py"))
+        hashes.append(model_hash(six.arm))
+    assert hashes[0] != hashes[1]
 
 
 @pytest.mark.usefixtures("acme")

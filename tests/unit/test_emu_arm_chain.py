@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import NDArray
-from six_axis_arm import HIGH_RAD, LOW_RAD, NAMES, SixAxis
 
+from controller.cli.project.starter.drivers.arm.model import HIGH_RAD, LOW_RAD, NAMES, SixAxis
 from emulators.as_built import draw_as_built
 from emulators.umi_scara import ArmJoints
 from emulators.world import Layout, LayoutError, Solid, World, read_layout
@@ -98,7 +98,7 @@ def six_axis_chain(arm: SixAxis) -> Chain:
         Link("upper", "turret", moved(arm.ahead_mm, 0, 0), lift, drive={"shoulder": 1.0}),
         Link("elbow", "upper", moved(arm.upper_mm, 0, 0), lift, drive={"elbow": 1.0}),
         Link("fore", "elbow", np.eye(4), ahead, drive={"roll": 1.0}),
-        # bend turns the tool down, as `six_axis_arm` has it: about +y
+        # bend turns the tool down, as the model has it: about +y
         Link("wrist", "fore", moved(arm.fore_mm, 0, 0), (0.0, 1.0, 0.0), drive={"bend": 1.0}),
         Link("flange", "wrist", np.eye(4), ahead, drive={"flange": 1.0}),
         Link(TCP, "flange", moved(arm.tool_mm, 0, 0)),

@@ -282,6 +282,7 @@ def test_arrays_have_their_names_in_one_place() -> None:
     named = {
         (source.module, line.split(" = ")[0])
         for source in ours(("controller",))
+        if ".starter." not in source.module  # what is laid out for others stands alone
         for line in source.text.splitlines()
         if re.match(r"[A-Z]\w* = (?:npt\.)?NDArray\[np\.", line)
     }

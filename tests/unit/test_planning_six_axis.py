@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from planning_checker import follow
 from planning_contacts import ArmReading, Array, rx, ry, rz, shift
-from six_axis_arm import HIGH_RAD, LOW_RAD, NAMES, SixAxis
 
 from controller.cad.compiled import load_part
 from controller.cell.compute import part_files
+from controller.cli.project.starter.drivers.arm.model import HIGH_RAD, LOW_RAD, NAMES, SixAxis
 from controller.config import load_cell, load_recipe
 from controller.planning import (
     Box,

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from six_axis_arm import HIGH_RAD, LOW_RAD, SixAxis
+
+from controller.cli.project.starter.drivers.arm.model import HIGH_RAD, LOW_RAD, SixAxis
 
 ARM = SixAxis()
 

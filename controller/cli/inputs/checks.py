@@ -79,6 +79,21 @@ def make_folder(folder: Path, option: str) -> None:
         folder.mkdir(parents=True, exist_ok=True)
 
 
+def check_empty_folder(folder: Path) -> None:
+    """Check that a folder is new or empty, and writable; create nothing.
+
+    Raises
+    ------
+    ConfigError : the folder is not empty, is no folder, or cannot be written to
+    """
+    if folder.is_dir():
+        if any(folder.iterdir()):
+            raise ConfigError(f"{folder}: has files in it; name a new or an empty folder")
+    elif folder.exists():
+        raise ConfigError(f"{folder}: is a file; name a folder")
+    check_writable_folder(folder, "init")
+
+
 def check_writable_folder(folder: Path, option: str, min_free_bytes: int = 0) -> None:
     """Check that a folder is writable, or can be made, and has free space; create nothing.
 

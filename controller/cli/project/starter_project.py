@@ -4,9 +4,9 @@ import shutil
 from pathlib import Path
 from typing import Final
 
-from controller.config import EMULATED_CELL, SHIPPED, ConfigError
+from controller.config import EMULATED_CELL, SHIPPED
 
-from ..inputs.checks import check_writable_folder
+from ..inputs.checks import check_empty_folder
 from ..terminal.output import emit, print_line
 
 STARTER: Final = Path(__file__).parent / "starter"
@@ -34,12 +34,7 @@ def lay_out_project(folder: Path, *, as_json: bool) -> int:
     ------
     ConfigError : the folder is not empty, is no folder, or cannot be written to
     """
-    if folder.is_dir():
-        if any(folder.iterdir()):
-            raise ConfigError(f"{folder}: has files in it; name a new or an empty folder")
-    elif folder.exists():
-        raise ConfigError(f"{folder}: is a file; name a folder")
-    check_writable_folder(folder, "init")
+    check_empty_folder(folder)
     (folder / "parts").mkdir(parents=True)
     recipe = RECIPE.read_text(encoding="utf-8").replace("cells/emulated.yaml", "cell.yaml")
     (folder / "recipe.yaml").write_text(RECIPE_HEAD + recipe, encoding="utf-8")

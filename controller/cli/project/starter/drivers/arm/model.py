@@ -1,17 +1,20 @@
-"""An arm of another kind for the planner: six revolute joints, the last three through one point.
+"""How the ACME arm is built: six revolute joints, the last three through one point.
+
+It fits the planner's `ArmModel` (controller/planning/model/arm.py), which says what each function
+owes, and imports nothing of the controller. Put your arm's lengths, limits, links and speeds in
+place of these; an arm of another design needs `forward`, `link_frames` and `branches` anew.
 
 Joints q = [turret, shoulder, elbow, roll, bend, flange] in rad. Shoulder and elbow lift the upper
 arm and the forearm above the horizontal; roll and flange turn about the forearm and about the
 approach axis, bend between them. The arm's frame has its origin on the floor under the turret's
-axis, x ahead, z up. It fits `controller.planning.model.ArmModel`; nothing of planning knows it.
+axis, x ahead, z up.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import SimpleNamespace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +50,35 @@ class Link:
     keeps_clear_of: Literal["gripper", "fingers", "nothing"] = "gripper"
 
 
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """A limit of the joints: ``low <= weights @ q <= high`` [rad]."""
+
+    name: str
+    weights: Floats
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """A range of joints (6,) that a motion may pass [rad]."""
+
+    what: str
+    low: Floats
+    high: Floats
+    join: Floats
+
+
 def box(name: str, bounds: Sequence[float], **flags: object) -> Link:
+    """Return a link.
+
+    Parameters
+    ----------
+    name : for people
+    bounds : ``(x low, x high, y low, y high, z low, z high)`` in the link's frame [mm]
+    flags : fields of `Link`
+    """
     low, high = np.array(bounds[::2], float), np.array(bounds[1::2], float)
     T = np.eye(4)
     T[:3, 3] = (low + high) / 2
@@ -64,23 +95,34 @@ class Trapezoids:
 
     @property
     def joint_speeds(self) -> Floats:
+        """Full speed of each joint (6,) [rad/s]."""
         return np.array(self.speeds)
 
     def move_seconds(self, q_from: Floats, q_to: Floats) -> Floats:
+        """Return the seconds of single moves between (..., 6), 0 where nothing moves."""
         share_s = self.travel_seconds(q_from, q_to)
         short = 2.0 * np.sqrt(share_s * self.ramp_s)
         seconds = np.where(share_s >= self.ramp_s, share_s + self.ramp_s, short) + self.command_s
         return np.where(share_s > 1e-9, seconds, 0.0)
 
     def travel_seconds(self, q_from: Floats, q_to: Floats) -> Floats:
+        """Return the seconds at full speed between (..., 6)."""
         step = np.abs(np.asarray(q_to) - np.asarray(q_from))
         return np.asarray((step / self.joint_speeds).max(axis=-1))
 
     def courses(self, q_from: Floats, q_to: Floats, count: int) -> tuple[Floats, Floats]:
+        """Return configurations on the way of one move, and the shares of it done there.
+
+        Parameters
+        ----------
+        q_from, q_to : (6,) its ends
+        count : number of instants
+        """
         share = np.linspace(0.0, 1.0, count)
         return q_from + share[:, None] * (q_to - q_from), share
 
     def stray(self, step: Floats) -> Floats:
+        """Return how far a move may leave the joint line (6,): not at all."""
         return np.zeros_like(step)
 
 
@@ -104,21 +146,22 @@ class SixAxis:
 
     @property
     def reach_mm(self) -> float:
+        """Largest distance of the wrist's centre from the turret's axis."""
         return self.ahead_mm + self.upper_mm + self.fore_mm
 
     @property
     def joint_names(self) -> tuple[str, ...]:
+        """Name of each joint, with its unit."""
         return tuple(f"{name}_rad" for name in NAMES)
 
     @property
-    def joint_limits(self) -> tuple[SimpleNamespace, ...]:
-        return tuple(
-            SimpleNamespace(name=name, weights=row, low=low, high=high)
-            for name, row, low, high in zip(NAMES, np.eye(6), LOW_RAD, HIGH_RAD, strict=True)
-        )
+    def joint_limits(self) -> tuple[Limit, ...]:
+        """Limits that every allowed configuration meets."""
+        return tuple(map(Limit, NAMES, np.eye(6), LOW_RAD.tolist(), HIGH_RAD.tolist()))
 
     @property
     def links(self) -> tuple[Link, ...]:
+        """Moving links from the base on, in the order of `link_frames`."""
         above = {"may_touch_base": False, "may_touch_table": False}
         return (
             box("turret", [-90, 130, -80, 80, -110, 70], **above),
@@ -129,10 +172,12 @@ class SixAxis:
 
     @property
     def link_pairs(self) -> tuple[tuple[int, int], ...]:
+        """Links by index that may touch each other."""
         return ((0, 2), (0, 3), (1, 3))
 
     @property
     def swept(self) -> Mapping[str, Link]:
+        """Volumes that links sweep wherever the arm goes."""
         reach = float(np.hypot(130.0, 80.0))
         h = self.height_mm
         return {"turret": box("turret", [-reach, reach, -reach, reach, h - 110, h + 70])}
@@ -147,6 +192,7 @@ class SixAxis:
         return turret, turret @ about(1, -(q[..., 1] + q[..., 2])), shoulder, elbow
 
     def forward(self, q: Floats) -> Floats:
+        """Return T_arm_tcp (..., 4, 4) of configurations (..., 6)."""
         q = np.asarray(q, float)
         _, fore, _, elbow = self._arm(q)
         R = fore @ about(0, q[..., 3]) @ about(1, q[..., 4]) @ about(0, q[..., 5])
@@ -157,6 +203,7 @@ class SixAxis:
         return T
 
     def link_frames(self, q: Floats) -> tuple[Floats, Floats]:
+        """Return the links' frames at (n, 6): rotations (n, 4, 3, 3), origins (n, 4, 3) [mm]."""
         turret, fore, shoulder, elbow = self._arm(q)
         upper = turret @ about(1, -q[..., 1])
         wrist = fore @ about(0, q[..., 3]) @ about(1, q[..., 4])
@@ -203,16 +250,19 @@ class SixAxis:
         return (q - centre + np.pi) % (2 * np.pi) - np.pi + centre
 
     def inverse(self, T_arm_tcp: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
+        """Return all configurations within limits that bring the TCP to poses (n, 4, 4)."""
         q = self.branches(T_arm_tcp)
         index, branch = np.nonzero(self.within_limits(q))
         return index, branch, q[index, branch]
 
     # ---- limits ---------------------------------------------------------------------------------
     def within_limits(self, q: Floats) -> NDArray[np.bool_]:
+        """Return which configurations (..., 6) are within the limits."""
         q = np.asarray(q)
         return np.asarray(((q >= LOW_RAD) & (q <= HIGH_RAD)).all(axis=-1))
 
     def limit_report(self, q: Floats) -> str:
+        """Return the worst passed limit of one q (6,) in words."""
         passed = np.maximum(LOW_RAD - q, q - HIGH_RAD)
         worst = int(np.argmax(passed))
         if passed[worst] <= 0:
@@ -220,9 +270,18 @@ class SixAxis:
         return f"{NAMES[worst]} passed by {np.degrees(passed[worst]):.1f} deg"
 
     def spread(self, unit: Floats) -> Floats:
-        return LOW_RAD + unit * (HIGH_RAD - LOW_RAD)
+        """Return configurations for numbers drawn evenly from 0 to 1, (n, 6)."""
+        return np.asarray(LOW_RAD + unit * (HIGH_RAD - LOW_RAD))
 
     def radii_mm(self, q_from: Floats, q_to: Floats, far_mm: float, beside_mm: float) -> Floats:
+        """Return how far any point of arm, gripper or part moves with each joint (6,) [mm/rad].
+
+        Parameters
+        ----------
+        q_from, q_to : (6,) ends of a joint line, on which it holds
+        far_mm, beside_mm : reach of gripper and part from the wrist's centre, and from the approach
+            axis
+        """
         elbows = np.array([q_from[2], q_to[2]])
         bent = 0.0 if elbows.min() <= 0.0 <= elbows.max() else float(np.abs(elbows).min())
         wrist = np.hypot(self.upper_mm + self.fore_mm * np.cos(bent), self.fore_mm * np.sin(bent))
@@ -243,6 +302,7 @@ class SixAxis:
         return out
 
     def detours(self, q_from: Floats, q_to: Floats) -> Iterator[list[list[Floats]]]:
+        """Yield groups of joint paths round what may be in the way, the likeliest first."""
         up_from, up_to = self._drawn_up(q_from), self._drawn_up(q_to)
         keep_from, keep_to = up_from.copy(), up_to.copy()
         keep_from[3:], keep_to[3:] = q_from[3:], q_to[3:]
@@ -255,19 +315,19 @@ class SixAxis:
         ]
 
     def retreats(self, q: Floats, count: int) -> Floats:
+        """Return ways (n, count, 6) out of crowded configurations (n, 6)."""
         share = np.linspace(0.0, 1.0, count)[:, None]
         return q[:, None] + share * (self._drawn_up(q) - q)[:, None]
 
-    def homing_sweep(self, low: Floats, high: Floats) -> Sequence[Any]:
-        """It keeps its references and homes by none."""
+    def homing_sweep(self, low: Floats, high: Floats) -> tuple[Sweep, ...]:
+        """Return nothing: its encoders are absolute, and no joint moves for its homing."""
         return ()
 
-    def move_sweep(self, q_from: Floats, q_to: Floats) -> Any:
-        """Each joint has a motor of its own."""
+    def move_sweep(self, q_from: Floats, q_to: Floats) -> Sweep:
+        """Return the range of one move: each joint has a motor of its own."""
         ends = np.stack([q_from, q_to])
-        return SimpleNamespace(
-            what="it moves", low=ends.min(axis=0), high=ends.max(axis=0), join=np.eye(6)
-        )
+        return Sweep("it moves", ends.min(axis=0), ends.max(axis=0), np.eye(6))
 
     def describe(self, q: Floats) -> str:
+        """Return one q (6,) as text, in degrees."""
         return "(" + ", ".join(f"{v:.0f}" for v in np.degrees(q)) + ")"
