@@ -16,6 +16,7 @@ from controller.cell.errors import PartProblemError
 from controller.cell.journal import Journal, read_rows
 from controller.cell.machine import Effect, Event
 from controller.cell.operator import Answer, Question
+from controller.cell.operator.questions import LOOK, NOT_EMPTY, question_for
 from controller.cell.services import Gate, Grippers, Permits, Retries, fault_policy
 from controller.cell.services.motion import homing_preview
 from controller.cell.services.records import BatchRecord, RunProgress
@@ -51,6 +52,7 @@ class Cell:
             home=self._note("home"),
             start_from=self._note("park"),
             sweeps_to_home=True,
+            homing_words="homing the arm",
             homing_preview=homing_preview,
         )
         grasp: Any = ANY(force_n=20.0, width_tolerance_mm=1.0)
@@ -70,7 +72,10 @@ class Cell:
             Effect.HOME: home.run,
             Effect.HOLD: self._ends(Event.HOLD_DONE),
             Effect.CONSULT: ConsultAction(
-                operator, record, ANY(forget=lambda: None, begin_anew=lambda: None)
+                operator,
+                record,
+                ANY(forget=lambda: None, begin_anew=lambda: None),
+                sweeps_to_home=True,
             ).run,
             Effect.ACQUIRE: self._no_part,
             Effect.STOP_MOTION: self._ends(Event.STOP_DONE),
@@ -160,3 +165,9 @@ async def test_something_between_the_jaws_counts_though_they_do_not_press_on_it(
     await cell.run(("stop", False))
     assert [q.code for q in cell.questions] == ["fixture_not_empty"]
     assert cell.moved == []
+
+
+def test_an_arm_of_absolute_encoders_is_not_said_to_sweep() -> None:
+    for sweeps in (True, False):
+        question = question_for(NOT_EMPTY, "a part", "in a gripper", sweeps_to_home=sweeps)
+        assert ("sweeps" in dict(question.preview)[LOOK]) is sweeps

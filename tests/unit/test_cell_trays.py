@@ -93,7 +93,7 @@ def test_a_tray_counts_as_empty_once_a_person_has_said_so(key: str, event: Event
             return SimpleNamespace(key=key)
 
     taking = SimpleNamespace(forget=lambda: None, begin_anew=lambda: None)
-    consult = ConsultAction(Person(), record, taking)  # type: ignore[arg-type]
+    consult = ConsultAction(Person(), record, taking, sweeps_to_home=True)  # type: ignore[arg-type]
     assert asyncio.run(consult.run()) is event
     emptied = [row.tray for row in lines.rows if isinstance(row, rows.TrayEmptied)]
     assert emptied == (["accept"] if key == LOOK else [])

@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -194,8 +195,10 @@ def test_every_alarm_has_its_words_in_each_language(language: str) -> None:
 def test_every_question_of_a_part_has_its_choices_in_each_language(language: str) -> None:
     known, told = cell_words(language), teller(language)
     for alarm in ALARMS:
-        for custody in Custody:
-            question = question_for(alarm.code, "no part <here>", custody.value)
+        for custody, sweeps in product(Custody, (True, False)):
+            question = question_for(
+                alarm.code, "no part <here>", custody.value, sweeps_to_home=sweeps
+            )
             named = [*(one.words for one in question.choices), *(w for _, w in question.preview)]
             assert [text for text in named if text not in known] == []
             frame = question.text.partition("no part <here>.")[2].partition(" (by the")[0]

@@ -27,16 +27,23 @@ class ConsultAction:
     operator : answers it
     record : record of the problem and the part
     taking : tries every part again once somebody has been at the table
+    sweeps_to_home : whether the arm moves its joints to find their references
     """
 
     operator: Operator
     record: BatchRecord
     taking: Taking
+    sweeps_to_home: bool
 
     async def run(self) -> Event:
         """Wait for an answer; return its event, ``UNATTENDED`` if nobody is there."""
         code, message = self.record.problem
-        question = question_for(code, message, self.record.part.custody.value)
+        question = question_for(
+            code,
+            message,
+            self.record.part.custody.value,
+            sweeps_to_home=self.sweeps_to_home,
+        )
         answer = await self.operator.decide(question)
         if answer is None:
             return Event.UNATTENDED

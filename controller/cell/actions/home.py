@@ -60,11 +60,7 @@ class HomeAction:
         """
         await _until_healthy(self.io, self.gate, self.motion)
         self.preparation.begin()
-        self.record.show(
-            "homing the arm; it sweeps its whole workspace"
-            if self.motion.sweeps_to_home
-            else "getting the arm ready; it opens and closes its jaws, then it parks"
-        )
+        self.record.show(self.motion.homing_words)
         await self.imaging.all_dark()
         found = await self.grippers.read_fixed()
         if found.occupancy is Occupancy.HOLDS:

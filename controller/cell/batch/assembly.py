@@ -276,7 +276,7 @@ def assemble(
         Effect.PLACE: PlaceAction(steps, motion, grippers, record),
         Effect.COMPLETE: CompleteAction(record, imaging),
         Effect.HOLD: HoldAction(stopping, views),
-        Effect.CONSULT: ConsultAction(operator, record, taking),
+        Effect.CONSULT: ConsultAction(operator, record, taking, motion.sweeps_to_home),
         Effect.SUSPEND: SuspendAction(gate, stopping, standstill),
         Effect.UNSUSPEND: UnsuspendAction(gate, io, grippers, record, standstill),
         Effect.STOP_MOTION: StopMotionAction(stopping, views),

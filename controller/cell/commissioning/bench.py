@@ -106,17 +106,27 @@ class Bench:
         NoPermitError : nothing may move
         DeviceError : it does not
         """
-        self.evidence.show("homing the arm; it sweeps its whole reach")
+        self.evidence.show(self.motion.homing_words)
         await self.motion.home()
         await self.park()
 
     async def park(self) -> None:
-        """Open the homed arm's jaws half and move it to its park, from where homing leaves it."""
+        """Open the homed arm's jaws half and move it to its park.
+
+        From where homing leaves it; an arm that moved no joint to home may stand anywhere, and
+        takes a path that is proven free.
+
+        Raises
+        ------
+        StepFailedError : there is no such path
+        """
         opening_mm = self.layout.arm_gripper.max_mm * 0.5
         await self.move_jaws(
             f"the arm gripper opens to {opening_mm:.0f} mm",
             lambda: self.arm.move_gripper_mm(opening_mm),
         )
+        if not self.motion.sweeps_to_home:
+            await self.go(self.layout.park_q, "to its park")
         await self.motion.start_from(self.layout.park_q)
 
     async def move_jaws(self, what: str, verb: Callable[[], Awaitable[object]]) -> None:
@@ -167,7 +177,11 @@ class Bench:
             if isinstance(arm, FirstContact):
                 await arm.home_in_turn(confirm)
             else:
-                await confirm("the arm sweeps its whole reach")
+                await confirm(
+                    "the arm sweeps its whole reach"
+                    if self.motion.sweeps_to_home
+                    else "the arm opens and closes its jaws"
+                )
                 await self.arm.home()
 
     async def go(self, q: FloatArray, what: str, *, speed: float = SLOW) -> None:

@@ -47,9 +47,14 @@ _FIRST_UNHOMED: Final[Mapping[str, str]] = {
     LOOK: "nothing while the fixed gripper holds something; else the arm homes, which sweeps its "
     "whole reach, and both grippers open",
 }
+# The same with an arm of absolute encoders.
+_FIRST_NOT_PARKED: Final[Mapping[str, str]] = {
+    LOOK: "nothing while the fixed gripper holds something; else both grippers open, and the arm "
+    "goes to park",
+}
 
 
-def question_for(code: str, message: str, custody: str) -> Question:
+def question_for(code: str, message: str, custody: str, *, sweeps_to_home: bool = True) -> Question:
     """Return the question to the operator about a problem.
 
     Parameters
@@ -57,6 +62,7 @@ def question_for(code: str, message: str, custody: str) -> Question:
     code : code of the problem
     message : the problem, as the operator reads it
     custody : gripper, tray or table with the part, as far as it is known
+    sweeps_to_home : whether the arm moves its joints to find their references
     """
     choices: tuple[Choice, ...]
     if code in _ON_TABLE:
@@ -78,7 +84,9 @@ def question_for(code: str, message: str, custody: str) -> Question:
             _OUT,
             _STOP,
         )
-    first = _FIRST_UNHOMED if code == NOT_EMPTY else _FIRST
+    first = _FIRST
+    if code == NOT_EMPTY:
+        first = _FIRST_UNHOMED if sweeps_to_home else _FIRST_NOT_PARKED
     return Question(
         code=code,
         text=text,

@@ -93,6 +93,13 @@ class Motion:
         """Whether the arm moves its joints to find their references."""
         return sweeps_to_home(self._layout)
 
+    @property
+    def homing_words(self) -> str:
+        """What is shown before the arm homes and parks."""
+        if self.sweeps_to_home:
+            return "homing the arm; it sweeps its whole workspace"
+        return "getting the arm ready; it opens and closes its jaws, then it parks"
+
     async def homing_preview(self) -> NextMotion:
         """Return the first motion of homing."""
         return await (homing_preview if self.sweeps_to_home else jaws_preview)()

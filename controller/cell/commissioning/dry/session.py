@@ -96,7 +96,7 @@ class DryStep:
         # who starts a dry run lets it move, as who starts a run does
         check_interlocks(bench.devices.io)
         bench.gate.permits.issue(START)
-        bench.evidence.show("homing the arm; it sweeps its whole reach, at its usual speed")
+        bench.evidence.show(f"{bench.motion.homing_words}, at its usual speed")
         await bench.motion.home()
         await _open_grippers(bench)
         await _go_to_park(bench)
