@@ -16,6 +16,7 @@ drew the cell, which no wire tells. Errors are those that matter, and no frame h
     python benchmarks/bench_commissioning.py --seeds 200-219 --json
     python benchmarks/bench_commissioning.py --seeds 200-203 --runs holder,featuretype
     python benchmarks/bench_commissioning.py --seeds 200 --folder DIR   # judge what is there
+    python benchmarks/bench_commissioning.py --seeds 1-10 --cell recipes/cells/ur5e.yaml
 """
 
 import json
@@ -39,11 +40,13 @@ from controller.config.calibrations import (
     FixedGripperCalibration,
     read_calibrations,
 )
+from controller.planning.model import CellLayout
 from controller.planning.motion import inverse_rows, tcp_pose
 from controller.setup.layout import build_layout
-from drivers.umi_scara import kinematics
+from drivers.umi_scara import UmiModel, kinematics
 from emulators.as_built import AsBuilt, draw_as_built
 from emulators.umi_scara import COUNTS_PER_DEG, ArmJoints, Axis
+from emulators.world.arms import UmiShape
 from emulators.world.chain import TCP
 from emulators.world.layout import read_layout
 from emulators.world.poses import forward
@@ -63,7 +66,9 @@ class TrueCell:
 
     def tcp(self, q: Array) -> Array:
         """Return T_world_tcp (n, 4, 4) of counters (n, 6) that every motor came to from below."""
-        errors = self.built.arm
+        errors, arm = self.built.arm, self.built.layout.arm
+        if not isinstance(arm.shape, UmiShape):
+            return np.array([arm.chain.poses(arm.T_world_base, row)[TCP] for row in q.tolist()])
         lag = {
             axis: math.radians(play / COUNTS_PER_DEG[axis] / 2)
             for axis, play in errors.play_counts.items()
@@ -76,7 +81,7 @@ class TrueCell:
         out = []
         for s, e, y, z, p, r in q - back:
             joints = errors.joints(ArmJoints(s, e, y, z, p, r, 40.0))
-            out.append(forward(self.built.layout.arm, joints)[TCP])
+            out.append(forward(arm, joints)[TCP])
         return np.array(out)
 
     def pixels(self, camera: str, points: Array) -> Array:
@@ -123,7 +128,7 @@ def judge(cell: Path, found_in: Path, seed: int, rng: np.random.Generator) -> di
     index, _, q = inverse_rows(layout, T)
     keep = np.unique(index, return_index=True)[1]
     exact, which = q[keep], index[keep]
-    got, wanted = true.tcp(in_counts(exact)), T[which]
+    got, wanted = true.tcp(in_counts(layout, exact)), T[which]
     across = got[:, :3, 3] - points[which]
     out["pick"] = {
         "mm": np.linalg.norm(across, axis=1).tolist(),
@@ -173,12 +178,13 @@ def planes(one: Array, other: Array) -> dict[str, list[float]]:
     return {"mm": mm.tolist(), "deg": deg.tolist()}
 
 
-def in_counts(q: Array) -> Array:
-    """Return the joints of the nearest whole counts."""
-    return kinematics.counts_to_q(kinematics.q_to_counts(q))
+def in_counts(layout: CellLayout, q: Array) -> Array:
+    """Return the joints of the nearest whole counts; the same where nothing rounds them."""
+    is_rounded = isinstance(layout.arm, UmiModel)
+    return kinematics.counts_to_q(kinematics.q_to_counts(q)) if is_rounded else q
 
 
-def station_rows(layout: Any, rng: np.random.Generator) -> Array:  # noqa: ANN401
+def station_rows(layout: CellLayout, rng: np.random.Generator) -> Array:
     T = np.zeros((8 * VIEWS, 4, 4))
     T[:, 3, 3] = 1
     for one in T:
@@ -186,10 +192,10 @@ def station_rows(layout: Any, rng: np.random.Generator) -> Array:  # noqa: ANN40
         one[:3, :3] = R * np.sign(np.linalg.det(R))
         one[:3, 3] = layout.station_mm + rng.uniform(-40, 40, 3)
     index, _, q = inverse_rows(layout, T)
-    return in_counts(q[np.unique(index, return_index=True)[1]][:VIEWS])
+    return in_counts(layout, q[np.unique(index, return_index=True)[1]][:VIEWS])
 
 
-def hand_off_rows(layout: Any, rng: np.random.Generator) -> Array:  # noqa: ANN401
+def hand_off_rows(layout: CellLayout, rng: np.random.Generator) -> Array:
     T = np.zeros((40 * VIEWS, 4, 4))
     T[:, 3, 3] = 1
     for one in T:
@@ -197,7 +203,7 @@ def hand_off_rows(layout: Any, rng: np.random.Generator) -> Array:  # noqa: ANN4
         one[:3, :3] = R * np.sign(np.linalg.det(R))
         one[:3, 3] = layout.T_world_fixed_tcp[:3, 3] + rng.uniform(-30, 30, 3)
     index, _, q = inverse_rows(layout, T)
-    return in_counts(q[np.unique(index, return_index=True)[1]][:VIEWS])
+    return in_counts(layout, q[np.unique(index, return_index=True)[1]][:VIEWS])
 
 
 def stated(found: Mapping[Any, Calibration]) -> dict[str, Any]:

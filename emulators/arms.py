@@ -1,18 +1,33 @@
 """The arm of the emulated cell: the one that the cell file describes, with its controller."""
 
+import math
 import os
-from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, Protocol
 
 from emulators.clock import WorldClock
-from emulators.gripper_modbus import JawModel, RobotiqDevice
-from emulators.umi_scara import ArmErrors, ArmModel, ArmServer, ArmWire, Axis
-from emulators.ur_arm import STANDARD_PORTS, UrArm, UrServer, UrVerbs
+from emulators.gripper_modbus import JawModel, JawScale, RobotiqConfig, RobotiqDevice
+from emulators.umi_scara import (
+    COUNTS_PER_DEG,
+    ZED_COUNTS_PER_MM,
+    ArmErrors,
+    ArmModel,
+    ArmServer,
+    ArmWire,
+    Axis,
+)
+from emulators.ur_arm import JOINTS, STANDARD_PORTS, UrArm, UrServer, UrVerbs
 from emulators.world import ArmBody
 from emulators.world.arms import UrShape
 from emulators.world.layout import ArmShape
 
 FLANGE_GRIPPER_UNIT = 9
+# counts of each motor of the RTX that a person moves by the gripper, per rad or mm of its joint
+_PER_JOINT: Final[Mapping[str, tuple[Axis, float]]] = {
+    "shoulder": (Axis.SHOULDER, math.degrees(COUNTS_PER_DEG[Axis.SHOULDER])),
+    "elbow": (Axis.ELBOW, math.degrees(COUNTS_PER_DEG[Axis.ELBOW])),
+    "zed": (Axis.ZED, ZED_COUNTS_PER_MM),
+}
 
 
 class SuppliedArm(ArmBody, Protocol):
@@ -66,6 +81,15 @@ class EmulatedArm(Protocol):
         direction : +1 or -1
         blocked : False frees it
         """
+        ...
+
+    @property
+    def led(self) -> Sequence[str]:
+        """Names of the joints that a person turns who leads its gripper."""
+        ...
+
+    def lead(self, step: Mapping[str, float]) -> None:
+        """Move joints by hand, by their names [rad, mm]; an arm that holds stays."""
         ...
 
     async def start(self, clock: WorldClock) -> None:
@@ -127,6 +151,17 @@ class RtxArm:
         """
         self.body.obstruct(Axis(motor), direction, blocked)
 
+    @property
+    def led(self) -> Sequence[str]:
+        """Shoulder, elbow and zed: its gripper keeps pointing down."""
+        return tuple(_PER_JOINT)
+
+    def lead(self, step: Mapping[str, float]) -> None:
+        """Move joints by hand, by their names [rad, mm]; motors that hold do not yield."""
+        for joint, by in step.items():
+            axis, per_unit = _PER_JOINT[joint]
+            self.body.push(axis, by * per_unit)
+
     async def start(self, clock: WorldClock) -> None:
         """Open its terminal."""
         self._server = ArmServer(self.wire, clock)
@@ -146,10 +181,12 @@ class UrCellArm:
     Parameters
     ----------
     shape : the arm as the cell file describes it
+    wider_mm : how much wider the jaws are open than they read
     """
 
-    def __init__(self, shape: UrShape) -> None:
-        gripper = RobotiqDevice(JawModel(), FLANGE_GRIPPER_UNIT)
+    def __init__(self, shape: UrShape, wider_mm: float = 0.0) -> None:
+        scale = JawScale(wider_mm=wider_mm)
+        gripper = RobotiqDevice(JawModel(), FLANGE_GRIPPER_UNIT, RobotiqConfig(scale=scale))
         self.body = UrArm(shape.facts, gripper=gripper)
         self.body.place(shape.park_q)
         self._server = UrServer(self.body, _own_host(), STANDARD_PORTS)
@@ -180,6 +217,15 @@ class UrCellArm:
         """
         self.body.obstruct(motor, direction, blocked)
 
+    @property
+    def led(self) -> Sequence[str]:
+        """All of them."""
+        return JOINTS
+
+    def lead(self, step: Mapping[str, float]) -> None:
+        """Move joints by hand, by their names [rad]; an arm out of freedrive stays."""
+        self.body.lead([step[joint] for joint in JOINTS])
+
     async def start(self, clock: WorldClock) -> None:
         """Open its ports; they keep the time of the arm's control cycles."""
         await self._server.start()
@@ -195,10 +241,12 @@ def make_arm(drawn: ArmShape, errors: ArmErrors, seed: int) -> EmulatedArm:
     Parameters
     ----------
     drawn : the arm as the cell file describes it, which its controller goes by
-    errors : differences of a UMI RTX from its description
+    errors : differences of a UMI RTX from its description; of any other arm, those of its jaws
     seed : seed of where a UMI RTX stands
     """
-    return UrCellArm(drawn) if isinstance(drawn, UrShape) else RtxArm(seed, errors)
+    if isinstance(drawn, UrShape):
+        return UrCellArm(drawn, errors.jaw_zero_mm)
+    return RtxArm(seed, errors)
 
 
 def _own_host() -> str:

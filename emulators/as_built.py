@@ -64,7 +64,7 @@ class AsBuilt:
     Attributes
     ----------
     layout : the cell file's, with everything where it really is
-    arm : differences of a UMI RTX from its description; none of another arm
+    arm : differences of a UMI RTX from its description; of another arm, those of its jaws
     lamps : response of each lamp to its orders
     oversize_mm : oversize of the longest edge of every part
     tilt_rad : tilt of the table against all else, about x and y
@@ -230,7 +230,8 @@ def _shape(shape: ArmShape, draw: _Draw) -> ArmShape:
 def _arm_truth(shape: ArmShape, errors: ArmErrors) -> dict[str, Any]:
     """Return the true figures of an arm beyond where its base is, as plain values."""
     if not isinstance(shape, UmiShape):
-        return {"links": {link.name: link.T_on_link.tolist() for link in shape.chain.links}}
+        links = {link.name: link.T_on_link.tolist() for link in shape.chain.links}
+        return {"links": links, "jaw_zero_mm": errors.jaw_zero_mm}
     return {
         "upper_mm": shape.upper_mm,
         "fore_mm": shape.fore_mm,

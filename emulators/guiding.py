@@ -3,17 +3,14 @@
 Motors that hold do not yield. The person's target is visible in the cell; no answer contains it.
 """
 
-import math
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emulators.umi_scara import COUNTS_PER_DEG, ZED_COUNTS_PER_MM, ArmJoints, ArmModel, Axis
+from emulators.arms import EmulatedArm
 from emulators.world import Layout
 from emulators.world.chain import TCP
-from emulators.world.poses import forward
 
 Array = NDArray[np.float64]
 
@@ -25,12 +22,7 @@ _ROUNDS: Final = 80
 # share of the remaining distance; going beyond would mean to turn the gears back through their play
 _SHARE: Final = 0.8
 _STEP: Final = 1e-4
-_COUNTS: Final = {
-    Axis.SHOULDER: math.degrees(COUNTS_PER_DEG[Axis.SHOULDER]),
-    Axis.ELBOW: math.degrees(COUNTS_PER_DEG[Axis.ELBOW]),
-    Axis.ZED: ZED_COUNTS_PER_MM,
-}
-_JOINTS: Final = ("shoulder_rad", "elbow_rad", "zed_mm")
+_LEVER_MM: Final = 300.0  # weighs turns against shifts
 
 
 def aimed_at(
@@ -64,13 +56,15 @@ def aimed_at(
     return np.append(place + rng.uniform(-AIM_MM, AIM_MM, 2), height_mm)
 
 
-def tcp_of(arm: ArmModel, layout: Layout) -> Array:
+def tcp_of(arm: EmulatedArm, layout: Layout) -> Array:
     """Return the point between the fingertips (3,)."""
-    return _tips(layout, arm.joints())
+    return _tips(layout, _joints(arm))[:3, 3]
 
 
-def guide(arm: ArmModel, layout: Layout, to_mm: Array) -> None:
-    """Pull shoulder, elbow and zed of a limp arm until its finger tips are there.
+def guide(arm: EmulatedArm, layout: Layout, to_mm: Array) -> None:
+    """Lead the gripper of a limp arm until its finger tips are there.
+
+    It keeps its direction where all joints yield; where some do not, it goes as they let it.
 
     Parameters
     ----------
@@ -82,27 +76,39 @@ def guide(arm: ArmModel, layout: Layout, to_mm: Array) -> None:
     ------
     ValueError : motors hold, or stops are in the way
     """
+    joints = layout.arm.shape.chain.joints
+    led = [joints.index(name) for name in arm.led]
+    R_kept = _tips(layout, _joints(arm))[:3, :3]
     for _ in range(_ROUNDS):
-        off = to_mm - tcp_of(arm, layout)
-        if np.linalg.norm(off) < _NEAR_MM:
+        q = _joints(arm)
+        here = _tips(layout, q)
+        off_mm = to_mm - here[:3, 3]
+        if np.linalg.norm(off_mm) < _NEAR_MM:
             return
-        joints = arm.joints()
-        here = _tips(layout, joints)
-        by = np.column_stack(
-            [
-                (_tips(layout, replace(joints, **{name: getattr(joints, name) + _STEP})) - here)
-                / _STEP
-                for name in _JOINTS
-            ]
-        )
-        change = np.linalg.lstsq(by, _SHARE * off, rcond=1e-3)[0]
-        for (axis, per_unit), much in zip(_COUNTS.items(), change, strict=True):
-            arm.push(axis, float(much) * per_unit)
+        moved = [_tips(layout, q + _STEP * np.eye(len(joints))[joint]) for joint in led]
+        by = np.column_stack([_apart(here, T) / _STEP for T in moved])
+        goal = np.eye(4)
+        goal[:3, :3], goal[:3, 3] = R_kept, to_mm
+        rows = slice(None) if len(led) == len(joints) else slice(0, 3)
+        change = np.linalg.lstsq(by[rows], _SHARE * _apart(here, goal)[rows], rcond=1e-3)[0]
+        arm.lead(dict(zip(arm.led, change.tolist(), strict=True)))
     left_mm = float(np.linalg.norm(to_mm - tcp_of(arm, layout)))
     raise ValueError(
         f"the finger tips stay {left_mm:.1f} mm off: motors hold the arm, or a stop is in the way"
     )
 
 
-def _tips(layout: Layout, joints: ArmJoints) -> Array:
-    return np.asarray(forward(layout.arm, joints)[TCP][:3, 3])
+def _joints(arm: EmulatedArm) -> Array:
+    return np.asarray(arm.body.joints().q, dtype=float)
+
+
+def _apart(here: Array, there: Array) -> Array:
+    """Return shift [mm] and turn, times `_LEVER_MM`, (6,) from one pose (4, 4) to a near one."""
+    R = there[:3, :3] @ here[:3, :3].T
+    turn = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2.0
+    return np.concatenate([there[:3, 3] - here[:3, 3], _LEVER_MM * turn])
+
+
+def _tips(layout: Layout, q: Array) -> Array:
+    """Return T_world_tcp (4, 4) at a configuration (n,)."""
+    return np.asarray(layout.arm.shape.chain.poses(layout.arm.T_world_base, q.tolist())[TCP])

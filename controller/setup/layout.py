@@ -31,6 +31,7 @@ from drivers.kinds import ArmDescription
 from drivers.umi_scara import ArmGeometry, UmiModel
 
 from .drivers import describe_arm
+from .figures import as_measured
 from .optics import build_camera
 
 TRAY_WALL_MM = 3.0  # thickness of the walls of trays
@@ -41,8 +42,8 @@ def build_layout(cell: Cell) -> CellLayout:
 
     Raises
     ------
-    ConfigError : the driver of an arm of another make refuses its shape, or the arm has another
-        number of joints
+    ConfigError : the driver of an arm of another make refuses its shape, the arm has another
+        number of joints, or measured figures are of another arm
     """
     arm = cell.arm
     described: ArmDescription[ArmModel]
@@ -66,7 +67,7 @@ def build_layout(cell: Cell) -> CellLayout:
         obstacles |= _walls(name, section)
     obstacles["fixture_post"] = Box.from_bounds(*cell.fixed_gripper.post)
     return CellLayout(
-        arm=described.model,
+        arm=as_measured(described.model, arm.figures),
         T_world_arm=arm.pose.build(),
         column=_column(arm, column),
         arm_gripper=_jaw(arm.arm_gripper.values(), arm.fingers, arm.jaw_max_mm, arm.jaws.force_n),
@@ -86,7 +87,7 @@ def build_layout(cell: Cell) -> CellLayout:
         trays={name: _tray(section) for name, section in trays.items()},
         park_q=described.park_q,
         cell_times=_times(arm.jaws, cell.fixed_gripper.jaws),
-        place_u_mm=arm.uncertainty.position_mm if isinstance(arm, UmiSection) else 0.0,
+        place_u_mm=arm.uncertainty.position_mm,
     )
 
 
@@ -124,7 +125,7 @@ def _walls(name: str, section: TraySection) -> dict[str, Box]:
 def _column(arm: ArmSection, bounds: BoxNumbers) -> Box:
     """Return the column's box at its measured place, on the arm's base."""
     box = Box.from_bounds(*bounds)
-    pose = arm.column_pose if isinstance(arm, UmiSection) else None
+    pose = arm.column_pose
     return box if pose is None else Box(pose.build() @ box.T, box.half_mm)
 
 

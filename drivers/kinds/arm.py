@@ -16,7 +16,7 @@ class Stop(Enum):
     RAMP = "ramp"
     """Slow down, then hold."""
     FREE = "free"
-    """Power removed: axes can be moved by hand and may sink."""
+    """Let go: axes can be moved by hand, and may sink; they are enabled anew before they move."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from ._config import ControllerAddress, UrSettings
 from ._errors import LocalControlError, OutOfRangeError, PowerOffError, SafetyStopError
 from ._session import ArmIdentity
 from .jaws import Jaws, JawScale, ModbusJaws, UrcapJaws
-from .model import MODELS, LinkBox, UrModel, UrShape, UrTiming, describe
+from .model import MODELS, LinkBox, UrFigures, UrModel, UrShape, UrTiming, describe
 
 __all__ = [
     "DRIVER",
@@ -31,6 +31,7 @@ __all__ = [
     "PowerOffError",
     "SafetyStopError",
     "UrArm",
+    "UrFigures",
     "UrModel",
     "UrSettings",
     "UrShape",

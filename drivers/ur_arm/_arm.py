@@ -19,7 +19,7 @@ from ._config import ControllerAddress, UrSettings
 from ._errors import OutOfRangeError
 from ._motion import check_target, move
 from ._session import ArmIdentity, UrSession, require_no_alarm
-from .jaws import Jaws, JawState
+from .jaws import Jaws, JawState, ZeroedJaws
 from .model import UrShape, describe
 from .ports import UrState
 from .protocol import RobotMode, stopj
@@ -62,8 +62,8 @@ class UrArm:
     ) -> None:
         self._address, self._settings = address, settings
         self._model = describe(shape).model
-        self._session = UrSession(address, settings, shape, jaws, clock, silence_s)
-        self._jaws = jaws
+        self._jaws: Jaws = ZeroedJaws(jaws, settings.jaw_zero_mm)
+        self._session = UrSession(address, settings, shape, self._jaws, clock, silence_s)
 
     # ---- connection and power ------------------------------------------------------------------
     async def connect(self) -> ArmIdentity:
@@ -104,12 +104,12 @@ class UrArm:
     async def stop(self, kind: Stop = Stop.DEAD) -> None:
         """Stop joints and jaws, ahead of all else; return once the joints are proven to be at rest.
 
-        `Stop.FREE` also switches the arm off: its brakes then hold it, and it cannot be moved by
-        hand but with the pendant.
+        After `Stop.FREE` it can be led by hand, and is enabled anew before it moves.
 
         Raises
         ------
         StalledError : it moves on
+        RefusedError : the controller does not let it be led by hand
         LinkError : the controller does not answer
         """
         await self._session.stop(kind)

@@ -50,6 +50,7 @@ class UrSettings:
     gripper_unit : its slave id there
     jaw_open_mm : opening of the jaws fully open
     jaw_open_counts, jaw_closed_counts : positions there, and with the fingertips touching
+    jaw_zero_mm : true opening where the jaws read 0, as measured
     jaw_speed_mm_s : speed of the jaws
     rtde_hz : rate of the arm's states; an e-Series sends 500 at the most, a CB3 125
     stop_deg_s2 : deceleration of the leading axis in a stop; the controller limits it further
@@ -66,6 +67,7 @@ class UrSettings:
     jaw_open_mm: float = 85.0
     jaw_open_counts: int = 3
     jaw_closed_counts: int = 230
+    jaw_zero_mm: float = 0.0
     jaw_speed_mm_s: float = 80.0
     rtde_hz: float = 125.0
     stop_deg_s2: float = 1000.0
@@ -82,6 +84,7 @@ class UrSettings:
             ("jaw_open_mm", 1.0, 200.0),
             ("jaw_open_counts", 0, 254),
             ("jaw_closed_counts", self.jaw_open_counts + 1, 255),
+            ("jaw_zero_mm", -5.0, 5.0),
             ("jaw_speed_mm_s", 20.0, 150.0),
             ("rtde_hz", 20.0, 500.0),
             ("stop_deg_s2", 100.0, 4000.0),

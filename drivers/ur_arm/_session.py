@@ -37,6 +37,7 @@ from .protocol import (
     PLAYING,
     RobotMode,
     advice,
+    freedrive,
     mode_words,
     safety_words,
     set_payload,
@@ -54,6 +55,7 @@ STILL_RAD_S: Final = 1e-2  # actual_qd of a joint at rest: its encoder's noise i
 STILL_COUNT: Final = 2  # states at rest, one after the other
 STOP_S: Final = 0.3  # from the line sent to a standstill, besides the deceleration itself [cell s]
 POWER_S: Final = 60.0  # joints boot, brakes click [cell s]
+LED_S: Final = 600.0  # led by hand for so long at the most; then its motors hold again [cell s]
 SETTING_S: Final = 2.0  # a setting is back in the states [cell s]
 PAYLOAD_KG: Final = 1e-3
 SETTING_MM: Final = 0.1
@@ -108,6 +110,7 @@ class UrSession:
         self.is_powered = False
         self.is_active = False
         self._was_local = False
+        self._is_led = False
         self._stop_count = 0
         self._one_motion = asyncio.Lock()
 
@@ -254,6 +257,8 @@ class UrSession:
         state = await self.state()
         require_safe(state)
         await self.require_remote()
+        if self._is_led:
+            await self._halt(Stop.DEAD)
         if self._was_local or not self.script.is_open:
             await self._open_anew()
         if state.robot_mode != RobotMode.RUNNING:
@@ -337,10 +342,20 @@ class UrSession:
                 if self.clock.attended_s() > until_s:
                     raise RefusedError(f"arm: the {what} was not taken{self.told()}", 0)
 
-    async def power_off(self) -> None:
-        """Switch the arm off; its brakes hold it."""
-        self.is_powered = False
-        await self._dashboard.order("power off", r"powering off")
+    async def _let_lead(self) -> None:
+        """Let the arm be led by hand until it is enabled, stopped or moved again (§4.6).
+
+        Raises
+        ------
+        RefusedError : the controller does not
+        """
+        self.forget_told()
+        self._is_led, self.is_powered = True, False
+        await self.send(freedrive(LED_S))
+        until_s = self.clock.attended_s() + SETTING_S
+        while not is_playing(await self.state()):
+            if self.clock.attended_s() > until_s:
+                raise RefusedError(f"arm: it cannot be led by hand{self.told()}", 0)
 
     async def clear_safety_stop(self) -> None:
         """Close the safety pop-up and unlock a protective stop: on a person's word only (§3.2).
@@ -366,6 +381,7 @@ class UrSession:
 
     async def _halt(self, kind: Stop) -> None:
         settings = self._settings
+        self._is_led = False
         deg_s2 = settings.ramp_deg_s2 if kind is Stop.RAMP else settings.stop_deg_s2
         accel = float(np.radians(deg_s2))
         try:
@@ -381,7 +397,7 @@ class UrSession:
             if isinstance(failure, BaseException):
                 raise failure
         if kind is Stop.FREE:
-            await self.power_off()
+            await self._let_lead()
 
     async def _until_still(self, accel_rad_s2: float) -> None:
         """Wait until the states show all joints at rest after a stop."""

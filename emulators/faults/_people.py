@@ -141,7 +141,7 @@ class PeopleAndParts:
     def _guide(
         self, tray: str | None = None, corner: Sequence[int] = (1, 1), seed: int = 0
     ) -> None:
-        arm, layout = self._plant.rtx.body, self._plant.world.layout
+        arm, layout = self._plant.arm_unit, self._plant.world.layout
         along_x, along_y = corner
         at_mm = tcp_of(arm, layout)
         guide(arm, layout, aimed_at(layout, at_mm, tray, (along_x, along_y), seed))

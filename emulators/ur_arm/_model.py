@@ -22,6 +22,7 @@ from ._kinematics import flange_pose, inverse, jacobian, pose_of, pose_vector
 from ._modes import EMERGENCY, RobotMode, RuntimeState, SafetyMode
 from ._motion import LARGEST_ACCELERATION_RAD_PER_S2, ZERO, JointMove, Sample, Trajectory
 from ._script import (
+    Freedrive,
     MoveJ,
     Pose,
     Program,
@@ -157,6 +158,7 @@ class UrArm:
         self._state = RuntimeState.STOPPED
         self._left: list[tuple[int, Statement]] = []
         self._given_move: MoveJ | None = None
+        self._is_freed = False
         self.line = 0
         self._wakes_in_s = 0.0
         self._mode_in_s = 0.0
@@ -212,6 +214,28 @@ class UrArm:
     def place(self, q_rad: Sequence[float]) -> None:
         """Move the joints by hand, motors at rest; absolute encoders know it (6,) [rad]."""
         self._path.rest_at(_six(q_rad))
+        self.q_rad, self.qd_rad_per_s = self.target.q, ZERO
+
+    @property
+    def yields(self) -> bool:
+        """Whether the arm can be led by hand."""
+        return self._is_freed and self._state is RuntimeState.PLAYING
+
+    def lead(self, step_rad: Sequence[float]) -> None:
+        """Turn the joints by hand, as far as their limits let them; an arm that holds stays.
+
+        Parameters
+        ----------
+        step_rad : (6,) turn of each joint
+        """
+        if not self.yields:
+            return
+        limits = self.facts.limits_rad
+        turned = [
+            max(-limit, min(limit, q + step))
+            for q, step, limit in zip(self.q_rad, step_rad, limits, strict=True)
+        ]
+        self._path.rest_at(_six(turned))
         self.q_rad, self.qd_rad_per_s = self.target.q, ZERO
 
     def obstruct(self, joint: int | str, direction: int, blocked: bool) -> None:
@@ -392,7 +416,7 @@ class UrArm:
             for step in program.steps:
                 self._begin(step)
             return ""
-        self._left = list(program.steps)
+        self._left, self._is_freed = list(program.steps), False
         self.program_name = program.name
         self._wakes_in_s = 0.0
         self._state = RuntimeState.PLAYING
@@ -440,7 +464,7 @@ class UrArm:
             self._left.insert(0, (self.line, rest))
 
     def _end_program(self) -> None:
-        self._state = RuntimeState.STOPPED
+        self._state, self._is_freed = RuntimeState.STOPPED, False
         self._left, self._wakes_in_s = [], 0.0
 
     def _fail(self, text: str) -> None:
@@ -554,10 +578,15 @@ class UrArm:
                 self._set_payload(statement)
             case SetTcp(pose=pose):
                 self.tcp, self.T_flange_tcp = pose, pose_of(pose.values)
+            case Freedrive(is_on=is_on):
+                self._is_freed = is_on
             case TextMessage(text=text):
                 self.say(Message(text))
 
     def _begin_move(self, move: MoveJ) -> None:
+        if self._is_freed:
+            self._fail("move_in_freedrive_mode:")
+            return
         goal = self._goal_of(move, self.target.q)
         if isinstance(goal, str):
             self._fail(goal)

@@ -108,7 +108,14 @@ class Sleep:
     duration_s: float
 
 
-Statement = MoveJ | StopJ | SetOutput | SetPayload | SetTcp | TextMessage | Sleep
+@dataclass(frozen=True, slots=True)
+class Freedrive:
+    """freedrive_mode and end_freedrive_mode: the arm yields to hands, or holds again."""
+
+    is_on: bool
+
+
+Statement = MoveJ | StopJ | SetOutput | SetPayload | SetTcp | TextMessage | Sleep | Freedrive
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +198,7 @@ def _program(lines: list[str]) -> Program:
     steps = tuple((number, _statement(text, number)) for number, text in body if text)
     is_secondary = kind == "sec"
     for number, one in steps:
-        if is_secondary and isinstance(one, MoveJ | StopJ | Sleep):
+        if is_secondary and isinstance(one, MoveJ | StopJ | Sleep | Freedrive):
             raise ScriptError(number, 1, f"secondary_program_takes_time:{type(one).__name__}:")
     return Program(name[:-2], steps, is_secondary)
 
@@ -247,6 +254,8 @@ _SIGNATURES: Final[Mapping[str, Mapping[str, Any]]] = {
     "set_tcp": {"pose": _NEEDED},
     "textmsg": {"s1": _NEEDED, "s2": ""},
     "sleep": {"t": _NEEDED},
+    "freedrive_mode": {"freeAxes": None, "feature": None},
+    "end_freedrive_mode": {},
 }
 
 
@@ -367,6 +376,12 @@ def _sleep(given: Mapping[str, Any], line: int) -> Statement:
     return Sleep(_number(given["t"], "t", line, 0.0))
 
 
+def _freedrive(given: Mapping[str, Any], line: int) -> Statement:
+    if any(one is not None for one in given.values()):
+        raise ScriptError(line, 1, "compile_error_function_parameters:freedrive_mode():")
+    return Freedrive(is_on=True)
+
+
 _BUILDERS: Final[Mapping[str, Callable[[Mapping[str, Any], int], Statement]]] = {
     "movej": _movej,
     "stopj": _stopj,
@@ -379,4 +394,6 @@ _BUILDERS: Final[Mapping[str, Callable[[Mapping[str, Any], int], Statement]]] = 
     "set_tcp": _tcp,
     "textmsg": _textmsg,
     "sleep": _sleep,
+    "freedrive_mode": _freedrive,
+    "end_freedrive_mode": lambda given, line: Freedrive(is_on=False),
 }

@@ -110,7 +110,7 @@ def tell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, story: Callable[[Story
 
     monkeypatch.setattr(grippers, "shake", no_shake)
     # fewer and quicker touches than in earnest: the world is computed step by step
-    monkeypatch.setattr(touching, "ALONG_MM", (80.0, 34.0))
+    monkeypatch.setattr(touching, "stations_mm", lambda layout, end_mm: (80.0, 34.0))
     monkeypatch.setattr(touching, "TOUCH_SPEED", 0.6)
     play(tmp_path, Story, story)
 

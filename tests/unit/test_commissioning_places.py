@@ -13,11 +13,17 @@ from controller.commissioning.places import (
     fit_plane,
     locate_tray,
     play_uncertainty_mm,
+    shifted,
 )
+from controller.commissioning.reach import rows_down
 from controller.config import Cell, load_yaml
+from controller.planning.motion import tcp_pose
+from controller.setup.layout import build_layout
+from controller.setup.measured_arm import measured_arm
 
 SIZE = (150.0, 140.0)
-CELL = load_yaml(Path(__file__).parents[2] / "recipes" / "cells" / "emulated.yaml", Cell)
+CELLS = Path(__file__).parents[2] / "recipes" / "cells"
+CELL = load_yaml(CELLS / "emulated.yaml", Cell)
 
 
 def touched(corner: tuple[int, int], x: float, y: float, z: float = 0.0) -> CornerTouch:
@@ -71,9 +77,28 @@ def test_what_spans_no_plane_is_refused(points: list[tuple[float, ...]]) -> None
 def test_play_of_the_shoulder_moves_the_tips_by_their_distance_from_it() -> None:
     layout = emulated_layout()
     # stretched ahead, the gripper level: 253.5 + 253.5 + 177 mm
-    found = play_uncertainty_mm(layout, np.zeros(6), {"shoulder": 0.3})
+    motors = measured_arm(layout).motors
+    found = play_uncertainty_mm(layout, np.zeros(6), {"shoulder": 0.3}, motors)
     assert found == pytest.approx(684.0 * np.radians(0.3) / np.sqrt(12), rel=1e-3)
-    assert play_uncertainty_mm(layout, np.zeros(6), {}) == 0.0
+    assert play_uncertainty_mm(layout, np.zeros(6), {}, motors) == 0.0
+    assert play_uncertainty_mm(layout, np.zeros(6), {"shoulder": 0.3}, {}) == 0.0
+
+
+@pytest.mark.parametrize("name", ["emulated", "ur5e"])
+def test_a_tcp_that_is_shifted_keeps_its_direction(name: str) -> None:
+    layout = build_layout(load_yaml(CELLS / f"{name}.yaml", Cell))
+    down = rows_down(layout, np.array([330.0, 40.0, 60.0]))
+    assert len(down)
+    lower = shifted(layout, down, np.array([0.0, 0.0, -30.0]))
+    T = tcp_pose(layout, lower)
+    np.testing.assert_allclose(T[:, :3, 3], np.tile([330.0, 40.0, 30.0], (len(down), 1)), atol=0.01)
+    np.testing.assert_allclose(T[:, :3, :3], tcp_pose(layout, down)[:, :3, :3], atol=1e-4)
+
+
+def test_a_tcp_is_not_shifted_out_of_reach() -> None:
+    layout = build_layout(load_yaml(CELLS / "ur5e.yaml", Cell))
+    down = rows_down(layout, np.array([330.0, 40.0, 60.0]))[:1]
+    assert np.isnan(shifted(layout, down, np.array([2000.0, 0.0, 0.0]))).all()
 
 
 def test_more_touches_leave_less_of_a_hand_open() -> None:

@@ -57,7 +57,6 @@ def test_the_verbs_of_a_ur_arm_act_on_the_cells_arm(cell: StillUrCell) -> None:
         ("arm_push", {"axis": "elbow", "counts": 10}),
         ("gear_play", {"axis": "elbow", "deg": 0.2}),
         ("noise", {"probability": 0.1}),
-        ("guide", {}),
     ],
 )
 def test_what_befalls_only_a_umi_rtx_is_refused_by_name(
@@ -65,6 +64,29 @@ def test_what_befalls_only_a_umi_rtx_is_refused_by_name(
 ) -> None:
     with pytest.raises(ValueError, match="no UMI RTX"):
         cell.verbs.do(verb, **order)
+
+
+def test_an_arm_that_is_let_go_is_led_onto_the_table_with_its_fingers_down(
+    cell: StillUrCell,
+) -> None:
+    q = _at_height(cell, np.radians((0.0, -54.0, 96.0, -132.0, -90.0, 0.0)), 40.0)
+    cell.ur.place(q.tolist())
+    cell.ur.start_running()
+    before = forward(cell.layout.arm, cell.arm.joints())[TCP]
+    with pytest.raises(ValueError, match="motors hold the arm"):
+        cell.verbs.do("guide")
+    (program,) = ScriptReader().feed(b"def led():\n freedrive_mode()\n sleep(60)\nend\n")
+    assert cell.ur.start(program) == ""
+    cell.pass_time(0.1)
+    cell.verbs.do("guide")
+    after = forward(cell.layout.arm, cell.arm.joints())[TCP]
+    np.testing.assert_allclose(after[:2, 3], before[:2, 3], atol=0.1)
+    assert 0.0 < after[2, 3] < 0.6
+    np.testing.assert_allclose(after[:3, :3], before[:3, :3], atol=2e-3)
+    (stop,) = ScriptReader().feed(b"stopj(2)\n")
+    cell.ur.start(stop)
+    with pytest.raises(ValueError, match="motors hold the arm"):
+        cell.verbs.do("guide", tray="accept", corner=[1, -1])
 
 
 def test_the_emergency_stop_takes_its_power_and_released_it_stays_without(

@@ -161,3 +161,25 @@ def test_an_endless_program_is_thrown_away() -> None:
     found = [one for _ in range(20) for one in reader.feed(b" sleep(1)\n" * 10_000)]
     assert isinstance(found[0], ScriptError)
     assert found[0].text == "program_too_long"
+
+
+def test_an_arm_in_freedrive_takes_no_motion_and_holds_behind_its_end() -> None:
+    arm = running_arm()
+    run(arm, "def led():\n freedrive_mode()\n sleep(5)\nend")
+    arm.advance(0.1)
+    assert arm.yields
+    before = arm.q_rad
+    arm.lead([0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
+    assert arm.q_rad[1] == pytest.approx(before[1] + 0.1)
+    arm.advance(6.0)
+    assert not arm.yields
+    arm.lead([0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
+    assert arm.q_rad[1] == pytest.approx(before[1] + 0.1)
+    run(arm, f"def f():\n freedrive_mode()\n movej({HOME})\nend")
+    arm.advance(0.5)
+    assert arm.q_rad[1] == pytest.approx(before[1] + 0.1)
+    assert not arm.is_program_running
+
+
+def test_freedrive_along_some_axes_is_not_emulated() -> None:
+    assert "freedrive_mode" in refusal("freedrive_mode([1, 0, 0, 0, 0, 0])").text

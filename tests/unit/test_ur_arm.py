@@ -576,13 +576,40 @@ async def test_a_gripper_without_its_urcap_is_named(robot: UrController) -> None
         await arm.aclose()
 
 
-async def test_free_switches_the_arm_off(robot: UrController) -> None:
+async def test_free_lets_the_arm_be_led_until_it_is_enabled_again(robot: UrController) -> None:
     async with ready(robot) as arm:
         await arm.stop(Stop.FREE)
-        assert robot.robot_mode == 3
+        assert robot.is_led
         assert not arm.is_powered
         with pytest.raises(DeviceError):
             await arm.move_joints(moved(robot, 1.0))
+        led = moved(robot, 2.0)
+        robot.q = led.tolist()
+        np.testing.assert_allclose(await arm.read_q(), led)
+        await arm.enable_power()
+        assert not robot.is_led
+        await arm.move_joints(moved(robot, 1.0))
+
+
+async def test_an_arm_that_cannot_be_led_is_refused(robot: UrController) -> None:
+    async with ready(robot) as arm:
+        robot.refuses = "freedrive_mode"
+        with pytest.raises(RefusedError, match=r"led by hand.*compile error"):
+            await arm.stop(Stop.FREE)
+        assert not robot.is_led
+
+
+async def test_the_jaws_are_wider_open_than_they_read_by_their_measured_zero(
+    robot: UrController,
+) -> None:
+    async with ready(robot) as arm:
+        await arm.move_gripper_mm(40.0)
+        as_designed, read_mm = robot.position, await arm.read_opening_mm()
+    async with ready(robot, jaw_zero_mm=0.8) as arm:
+        assert await arm.read_opening_mm() == pytest.approx(read_mm + 0.8)
+        await arm.move_gripper_mm(40.0)
+        # closed farther by two counts of 0.37 mm
+        assert robot.position == as_designed + 2
 
 
 # ---- settings ---------------------------------------------------------------------------------

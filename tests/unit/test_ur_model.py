@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from controller.cache import digest_of
 from controller.planning.geometry import overlap_turned
@@ -336,3 +337,85 @@ def test_a_shape_that_no_arm_has_is_refused(change: dict[str, object], message: 
     }
     with pytest.raises(ValueError, match=message):
         UrShape(**(given | change))  # type: ignore[arg-type]
+
+
+# ---- as made ---------------------------------------------------------------------------------
+def as_made(seed: int) -> UrModel:
+    """Return an arm whose frames are off within what a calibration expects."""
+    one = arm()
+    bounds = np.array([figure.bound for figure in one.figures.unknowns])
+    return one.measured(np.random.default_rng(seed).uniform(-1, 1, len(bounds)) * bounds)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_an_arm_as_made_is_a_chain_of_the_published_rows_each_with_its_own_shift(seed: int) -> None:
+    made = as_made(seed)
+    values = {
+        one.name: value for one, value in zip(made.figures.unknowns, made.made.ravel(), strict=True)
+    }
+
+    def off(link: str) -> np.ndarray:
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_rotvec(
+            [values[f"{link}_r{axis}_rad"] for axis in "xyz"]
+        ).as_matrix()
+        T[:3, 3] = [values[f"{link}_{axis}_mm"] for axis in "xyz"]
+        return T
+
+    d1, a2, a3, d4, d5, d6 = (1000 * v for v in PUBLISHED_M["ur5e"])
+    fixed = (
+        dh(0, d1, 0, np.pi / 2), dh(0, 0, a2, 0), dh(0, d4, a3, 0),
+        dh(0, 0, 0, np.pi / 2) @ dh(0, d5, 0, 0), dh(0, 0, 0, -np.pi / 2) @ dh(0, d6, 0, 0),
+    )  # fmt: skip
+    links = ("shoulder", "elbow", "wrist1", "wrist2", "wrist3")
+    turn = dh(np.radians(JAWS_DEG), TOOL_MM, 0, 0)
+    approach_is_x = np.eye(4)
+    approach_is_x[:3, :3] = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]
+    for q in random_q(seed, 20):
+        T = dh(q[0], 0, 0, 0)
+        for row, link, angle in zip(fixed, links, q[1:], strict=True):
+            T = T @ row @ off(link) @ dh(angle, 0, 0, 0)
+        T = T @ turn @ approach_is_x @ off("tool")
+        np.testing.assert_allclose(made.forward(q), T, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_an_arm_as_made_gets_back_to_its_joints(seed: int) -> None:
+    made = as_made(seed)
+    q = made.spread(np.random.default_rng(seed).uniform(size=(300, 6)))
+    T = made.forward(q)
+    index, _, rows = made.inverse(T)
+    np.testing.assert_allclose(made.forward(rows), T[index], atol=1e-3)
+    found = [
+        np.abs(rows[index == k] - one).max(axis=1).min(initial=np.inf) < 1e-4
+        for k, one in enumerate(q)
+    ]
+    # where no two axes are nearly in one line, nor the arm stretched, nor a joint near its cut
+    inside = np.abs(q - made.middle_rad).max(axis=1) < np.radians(172.0)
+    bent = np.abs(q[:, 2]) > np.radians(10.0)
+    sound = inside & bent & (least_turn(made, q) > 0.03)
+    assert sound.sum() > 150
+    assert np.array(found)[sound].all()
+
+
+def least_turn(made: UrModel, q: np.ndarray) -> np.ndarray:
+    """Return the least motion of the TCP (n,) for joints that turn by 1 rad together.
+
+    Shifts count by 300 mm.
+    """
+    T, step = made.forward(q), 1e-6
+    by = np.stack([(made.forward(q + d) - T)[:, :3] / step for d in step * np.eye(6)], axis=-1)
+    by[:, :, 3] /= 300.0
+    return np.linalg.svd(by.reshape(len(q), 12, 6), compute_uv=False)[:, -1]
+
+
+def test_nothing_of_an_arm_as_made_moves_farther_than_its_radii() -> None:
+    made = as_made(4)
+    rng = np.random.default_rng(4)
+    for a in made.spread(rng.uniform(size=(50, 6))):
+        b = a.copy()
+        joint = int(rng.integers(6))
+        b[joint] += 0.02
+        radii = made.radii_mm(a, b, made.tool_mm, 0.0)
+        moved = np.linalg.norm(made.forward(b)[:3, 3] - made.forward(a)[:3, 3])
+        assert moved <= 0.02 * radii[joint] + 1e-9

@@ -79,6 +79,8 @@ class UrController:
         self._from, self._step = list(self.q), [0.0] * 6
         self._way = self._rate = 0.0  # of the leading axis
         self._a = self._v = self._brake = 1.0
+        self.is_led = False  # somebody may lead the arm by hand
+        self._program: list[str] = []
         self._writers: set[asyncio.StreamWriter] = set()
         self._scripts: set[asyncio.StreamWriter] = set()
         self._ticked = asyncio.Event()
@@ -90,7 +92,9 @@ class UrController:
 
     def advance(self, dt_s: float) -> None:
         self.time_s += dt_s
-        if self.runtime_state == 2 and self.safety_mode in (1, 2):
+        if self.runtime_state == 2 and self.is_led:
+            pass  # its program sleeps
+        elif self.runtime_state == 2 and self.safety_mode in (1, 2):
             dt = dt_s * self.slider
             left = max(0.0, self.lead * self.ends_at - self._way)
             if self._brake:
@@ -134,6 +138,13 @@ class UrController:
         if self.refuses and self.refuses in line:
             self.say(f"compile error: {self.refuses}")
             return
+        if self._program or line.startswith("def "):
+            self._program.append(line.strip())
+            if line == "end":
+                self.is_led, self._program = self._program[1] == "freedrive_mode()", []
+                self.runtime_state = 2
+            return
+        self.is_led = False
         if found := MOVEJ.fullmatch(line):
             self._from = list(self.q)
             self._step = [b - a for a, b in zip(self.q, numbers(found[1]), strict=True)]

@@ -1,7 +1,7 @@
 """Boards before the cameras: on the table and in the arm gripper, moved to and looked at.
 
-Gears have play. So each configuration for a picture is approached with every motor from one side,
-from below by its counter unless the other side is requested.
+Gears may have play. So each configuration for a picture is approached with every motor from one
+side, from below by its counter unless the other side is requested, on an arm that says so.
 """
 
 from collections.abc import Mapping
@@ -25,16 +25,13 @@ from controller.commissioning.target import BoardSection, load_board
 from controller.config import SHIPPED
 from controller.planning.geometry import Box
 from controller.planning.motion import Scene
+from controller.setup.measured_arm import measured_arm
 
 from ..services import CameraName
 from .bench import UNCALIBRATED_MM, Bench, with_clearance
 from .errors import StepFailedError
 from .person import Errand
 
-# Larger than the play of any sound gear, and than the rounding to a count.
-APPROACH_RAD: Final = float(np.radians(1.5))
-# shoulder, elbow, yaw and pitch are turned back; with pitch alone both motors of the wrist are
-APPROACH: Final = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0]) * APPROACH_RAD
 RING: Final[Mapping[CameraName, str]] = {"overhead": "table_ring", "inspection": "station_ring"}
 BRIGHT: Final = 235  # grey level of 255; brighter white paper is saturated somewhere
 DIMMEST: Final = 0.1
@@ -236,11 +233,11 @@ async def go_to(
     ------
     StepFailedError : no path is proven free
     """
-    before = q if from_below is None else (q - APPROACH if from_below else q + APPROACH)
-    if not bench.layout.arm.within_limits(before).all():
-        before = q
-    path = await bench.path_to(before, scene, what)
-    await bench.motion.follow((*path, q) if before is not q else path)
+    take_up = measured_arm(bench.layout).take_up
+    before = q if from_below is None else (q - take_up if from_below else q + take_up)
+    is_other = bool(take_up.any()) and bool(bench.layout.arm.within_limits(before).all())
+    path = await bench.path_to(before if is_other else q, scene, what)
+    await bench.motion.follow((*path, q) if is_other else path)
 
 
 class PlateInJaws:
@@ -330,9 +327,10 @@ class PlateInJaws:
 
     def within_reach(self, q: FloatArray) -> bool:
         """Return whether the arm also reaches the approach positions on either side of q (6,)."""
-        arm, scene = self._bench.layout.arm, self.scene
-        rows = np.stack([q, q - APPROACH, q + APPROACH])
-        return bool(arm.within_limits(rows).all() and scene.free(rows, 10.0).all())
+        layout, scene = self._bench.layout, self.scene
+        take_up = measured_arm(layout).take_up
+        rows = np.stack([q, q - take_up, q + take_up])
+        return bool(layout.arm.within_limits(rows).all() and scene.free(rows, 10.0).all())
 
     def configurations(
         self,

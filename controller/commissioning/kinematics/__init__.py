@@ -17,7 +17,7 @@ from ._types import (
     clamped_std,
     even_std,
 )
-from .arm import ArmUnknown, KinematicArm
+from .arm import ArmUnknown, ExactArm, KinematicArm
 from .choosing import ConfigurationChoice, PoseCandidate, choose, predicted_picture
 from .faults import BoardAgain, FaultLimits, KinematicsFault, board_again, find_faults
 from .layout import UnknownsLayout
@@ -42,6 +42,7 @@ __all__ = [
     "CellFit",
     "CellPrior",
     "ConfigurationChoice",
+    "ExactArm",
     "FaultLimits",
     "HomingScatter",
     "KinematicArm",

@@ -76,6 +76,8 @@ def measure_play(
 ) -> dict[str, Play]:
     """Return the play of each motor's gears.
 
+    Nothing for an arm without geared motors.
+
     Parameters
     ----------
     layout, x : the cell as it is known, roughly is enough
@@ -87,6 +89,8 @@ def measure_play(
     KinematicsError : the pictures do not show a motor's play
     ValueError : a picture shows a board that lies on the table
     """
+    if not motors:
+        return {}
     for motor in motors:
         _check_both_sides(motor, stops)
     terms, noise_px, used = _measured(layout, x, [s.picture for s in stops])

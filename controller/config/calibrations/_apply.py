@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from controller.arrays import FloatArray
 
-from ..cell import Cell, UmiSection
+from ..cell import Cell
 from ..errors import ConfigError
 from ..yaml_models import load_yaml
 from ._files import first_problem, read_calibrations
@@ -42,8 +42,6 @@ def load_cell(path: Path) -> Cell:
         if isinstance(calibration, CameraCalibration):
             _camera(tree["cameras"][name], calibration, where)
         elif isinstance(calibration, ArmCalibration):
-            if not isinstance(cell.arm, UmiSection):
-                raise ConfigError(f"{where}: describes a UMI RTX; this cell has another arm")
             _arm(tree, calibration, cell.arm.pose.build())
         elif isinstance(calibration, FixedGripperCalibration):
             tree["fixture"] |= {
@@ -101,20 +99,14 @@ def _arm(tree: dict[str, Any], found: ArmCalibration, T_drawn: FloatArray) -> No
     tree["arm"] |= {
         "column_pose": _axes(T_world_column),
         "pose": _pose(found.T_world_arm),
-        "upper_mm": found.upper_mm,
-        "fore_mm": found.fore_mm,
-        "tool_mm": found.tool_mm,
-        "corrections": {
-            "tool_off_mm": found.tool_off_mm,
-            "zero_deg": found.zero_deg.model_dump(),
-            "zed_zero_mm": found.zed_zero_mm,
-            "yaw_per_elbow": found.yaw_per_elbow,
-            "sag_mm": found.sag_mm,
-        },
+        "figures": dict(found.figures),
         "uncertainty": {"position_mm": found.u_mm, "angle_deg": found.u_deg},
     }
     settings = tree["devices"]["arm"]["settings"]
-    settings |= {"play_deg": dict(found.play_deg), "jaw_zero_mm": found.jaw_zero_mm}
+    if found.jaw_zero_mm is not None:
+        settings["jaw_zero_mm"] = found.jaw_zero_mm
+    if found.play_deg:
+        settings["play_deg"] = dict(found.play_deg)
 
 
 def _lamps(sections: dict[str, Any], found: LampsCalibration, where: str) -> None:

@@ -14,6 +14,7 @@ from controller.arrays import FloatArray
 
 from ..calibration_reference import CalibrationName
 from ..yaml_models import Section, WrongKeyError
+from ._old_forms import figures_of_one_make
 
 Number = Annotated[float, Field(ge=-1e6, le=1e6)]
 Positive = Annotated[float, Field(gt=0, le=1e6)]
@@ -115,28 +116,15 @@ class CameraCalibration(Calibration):
         return self
 
 
-class JointZeros(Section):
-    """The true joint positions at which the counters mean 0, in degrees."""
-
-    shoulder: Number = 0.0
-    elbow: Number = 0.0
-    yaw: Number = 0.0
-    pitch: Number = 0.0
-    roll: Number = 0.0
-
-
 class ArmCalibration(Calibration):
-    """A UMI RTX: its pose, its lengths, and its differences from its counters.
+    """An arm: its pose, and its figures.
 
     Attributes
     ----------
     T_world_arm : pose of its base
-    tool_off_mm : offset of the TCP from the approach axis, along the jaws' axis and across
-    zero_deg : zeros of joints that are approached with every motor from below
-    zed_zero_mm : height of zed where its counter means 0
-    yaw_per_elbow : heading that a turn of the elbow adds to the nominal half of it
-    sag_mm : sag of the stretched arm
-    jaw_zero_mm : opening of the jaws where their counter means 0
+    figures : its figures by the names that its model gives them; a name ends in the unit. Joints
+        are approached with every motor from below
+    jaw_zero_mm : opening of the jaws where their counter means 0; None for a driver that takes none
     play_deg : play of the gears of each motor, from one flank to the other
     repeatability_mm : repeatability of the TCP, from homing to homing
     observable, held : parameters that the pictures decided, and those that priors did
@@ -144,23 +132,19 @@ class ArmCalibration(Calibration):
 
     kind: Literal["arm"] = "arm"
     T_world_arm: Matrix4
-    upper_mm: Positive
-    fore_mm: Positive
-    tool_mm: Positive
-    tool_off_mm: tuple[Number, Number] = (0.0, 0.0)
-    zero_deg: JointZeros = JointZeros()
-    zed_zero_mm: Number = 0.0
-    yaw_per_elbow: Number = 0.0
-    sag_mm: Number = 0.0
-    jaw_zero_mm: Number = 0.0
-    play_deg: Mapping[Literal["elbow", "shoulder", "yaw", "wrist1", "wrist2"], Uncertainty] = Field(
-        default_factory=dict
-    )
+    figures: Mapping[str, Number] = Field(default_factory=dict)
+    jaw_zero_mm: Number | None = None
+    play_deg: Mapping[str, Uncertainty] = Field(default_factory=dict)
     repeatability_mm: Uncertainty = 0.0
     u_mm: Uncertainty
     u_deg: Uncertainty
     observable: tuple[str, ...] = ()
     held: tuple[str, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_one_make(cls, given: object) -> object:
+        return figures_of_one_make(given) if isinstance(given, dict) else given
 
     @model_validator(mode="after")
     def _stands_somewhere(self) -> "ArmCalibration":

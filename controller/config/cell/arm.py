@@ -41,6 +41,18 @@ class LinksSection(Section):
     fore: Box
 
 
+class UncertaintySection(Section):
+    """Standard uncertainty of a pose.
+
+    Attributes
+    ----------
+    position_mm, angle_deg : standard uncertainties of its position and orientation
+    """
+
+    position_mm: float = Field(0.0, ge=0, le=MAX_OFF_MM)
+    angle_deg: float = Field(0.0, ge=0, le=MAX_ZERO_DEG)
+
+
 class ArmSection(Section):
     """The keys of any arm: its pose in the world, and the gripper on it.
 
@@ -48,6 +60,10 @@ class ArmSection(Section):
     ----------
     jaw_max_mm : widest opening of its gripper
     arm_gripper : boxes of the gripper in the frame of its TCP
+    figures : its measured figures, by the names that its model gives them; empty until measured
+    uncertainty : standard uncertainty of its TCP
+    column_pose : pose in the world of the column's box, or of the base's, once the base was
+        measured; None if it is as drawn
     """
 
     pose: Pose
@@ -57,6 +73,9 @@ class ArmSection(Section):
         validation_alias=AliasChoices("arm_gripper", "hand"), serialization_alias="hand"
     )
     fingers: FingersSection
+    figures: dict[str, float] = Field(default_factory=dict)
+    uncertainty: UncertaintySection = UncertaintySection()
+    column_pose: Pose | None = None
 
 
 Zero = Annotated[float, Field(ge=-MAX_ZERO_DEG, le=MAX_ZERO_DEG)]
@@ -79,7 +98,7 @@ class ZerosSection(Section):
 
 
 class CorrectionsSection(Section):
-    """The differences of one UMI RTX from its counters; all 0 until measured.
+    """The differences of one UMI RTX from its counters; `figures` stand above them.
 
     Attributes
     ----------
@@ -96,18 +115,6 @@ class CorrectionsSection(Section):
     sag_mm: Small = 0.0
 
 
-class UncertaintySection(Section):
-    """Standard uncertainty of a pose.
-
-    Attributes
-    ----------
-    position_mm, angle_deg : standard uncertainties of its position and orientation
-    """
-
-    position_mm: float = Field(0.0, ge=0, le=MAX_OFF_MM)
-    angle_deg: float = Field(0.0, ge=0, le=MAX_ZERO_DEG)
-
-
 class UmiSection(ArmSection):
     """A UMI RTX.
 
@@ -118,8 +125,6 @@ class UmiSection(ArmSection):
     wrist_height_mm : height of the wrist's axis above the table, with zed at the top
     park_zed_mm : zed where the arm waits, below the noisy last counts under its top stop
         (umi_rtx.md 5.2)
-    column_pose : pose of the column's box in the world, once its base was measured; None if it is
-        as drawn
     """
 
     upper_mm: Length
@@ -130,8 +135,6 @@ class UmiSection(ArmSection):
     park_zed_mm: float = Field(-10.0, ge=-850, le=-5.5)
     links: LinksSection
     corrections: CorrectionsSection = CorrectionsSection()
-    uncertainty: UncertaintySection = UncertaintySection()
-    column_pose: Pose | None = None
 
 
 class OtherArmSection(ArmSection):

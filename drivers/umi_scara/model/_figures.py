@@ -26,6 +26,18 @@ PLAY_RAD: Final = radians(0.15)
 ZED_ZERO_MM: Final = 0.5
 YAW_PER_ELBOW: Final = 0.005
 SAG_MM: Final = 0.8
+# standard deviation of a joint at rest, by chance: rounding to a count and the dead band of its
+# servo
+JOINT_STD: Final = np.array(
+    [radians(0.02), radians(0.04), radians(0.06), 0.15, radians(0.04), radians(0.04)]
+)
+# Larger than the play of any sound gear, and than the rounding to a count. Shoulder, elbow, yaw and
+# pitch are turned back; with pitch alone both motors of the wrist are.
+TAKE_UP: Final = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0]) * radians(1.5)
+# Homing folds the elbow by 30 degrees more, then turns the shoulder to its stop (umi_rtx.md 4.1).
+# From farther on the palm meets the column, and where that is passes for the stop.
+FOLDED_RAD: Final = radians(92.0)
+_ELBOW: Final = kinematics.Q_ORDER.index("elbow_rad")
 _ZEROS: Final = ("shoulder_rad", "elbow_rad", "yaw_rad", "pitch_rad", "roll_rad")
 
 
@@ -75,6 +87,26 @@ class UmiFigures:
             "wrist2": (0.0, 0.0, 0.0, 0.0, 0.5, -0.5),
         }
         return {name: np.array(joints) for name, joints in turns.items()}
+
+    @property
+    def take_up(self) -> Floats:
+        """How far the joints (6,) are turned back before a configuration, to take up all play."""
+        return TAKE_UP.copy()
+
+    @property
+    def joint_std(self) -> Floats:
+        """Standard deviation (6,) of each joint at rest about its counter [rad, mm]."""
+        return JOINT_STD.copy()
+
+    @property
+    def rest_std(self) -> Floats:
+        """The joints' change (6, 6) by each motor's rounding to whole counts."""
+        # rounding is even within half a count
+        return np.asarray(kinematics.counts_to_q(np.eye(6)) / np.sqrt(12.0))
+
+    def homes_from(self, q: Floats) -> NDArray[np.bool_]:
+        """Return from which configurations (n, 6) the arm may home, by a mask (n,)."""
+        return np.asarray(np.abs(np.asarray(q)[:, _ELBOW]) <= FOLDED_RAD)
 
     def geometry(self, values: Floats) -> ArmGeometry:
         """Return the arm of values (13,)."""

@@ -1,13 +1,14 @@
 """One arm: its lengths, the space of its links, and its speeds."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _detours, kinematics
+from ._figures import UmiFigures
 from ._homing_sweep import SweepPhase, homing_sweep
 from ._joint_limits import JointLimit, joint_limits
 from ._timing import UmiTiming, move_sweep
@@ -99,6 +100,15 @@ class UmiModel:
             LinkBox("fore", *boxes["fore"], keeps_clear_of="fingers"),
         )
         return cls(geometry, links, timing or UmiTiming())
+
+    @property
+    def figures(self) -> UmiFigures:
+        """What a calibration finds of it."""
+        return UmiFigures(self.geometry)
+
+    def measured(self, values: Floats) -> "UmiModel":
+        """Return the arm with the values (13,) of its figures."""
+        return replace(self, geometry=self.figures.geometry(values))
 
     @property
     def tool_mm(self) -> float:

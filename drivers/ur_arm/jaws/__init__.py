@@ -6,5 +6,6 @@ Sections (§) are those of ur.md.
 from ._modbus import ModbusJaws
 from ._reading import Jaws, JawScale, JawState
 from ._urcap import UrcapJaws
+from ._zeroed import ZeroedJaws
 
-__all__ = ["JawScale", "JawState", "Jaws", "ModbusJaws", "UrcapJaws"]
+__all__ = ["JawScale", "JawState", "Jaws", "ModbusJaws", "UrcapJaws", "ZeroedJaws"]

@@ -6,6 +6,7 @@ Planning requires the same of every arm, by a protocol of its own (`controller.p
 
 from . import kinematics
 from ._build import MODELS, UrShape, describe
+from ._figures import UrFigures
 from ._model import LinkBox, UrModel
 from ._sizes import UrSize
 from ._timing import UrTiming
@@ -13,6 +14,7 @@ from ._timing import UrTiming
 __all__ = [
     "MODELS",
     "LinkBox",
+    "UrFigures",
     "UrModel",
     "UrShape",
     "UrSize",

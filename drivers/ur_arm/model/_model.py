@@ -4,13 +4,14 @@ Sections (§) are those of ur.md.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _detours, kinematics
+from ._figures import UrFigures
 from ._sizes import UrSize
 from ._timing import UrTiming
 
@@ -26,6 +27,13 @@ LIMITS_RAD: Final = np.radians([360.0, 360.0, 180.0, 360.0, 360.0, 360.0])
 # its middle. This much before the cut it is not used at all, so that a straight line of the TCP,
 # which turns a joint by less between two of its points, never jumps from one side to the other
 CUT_RAD: Final = float(np.radians(5.0))
+# An arm as it was made is reached by steps from the drawing's joints; each leaves the square of the
+# error before. Beyond these errors of the TCP there is no such pose
+_STEPS: Final = 8
+_REACHED_MM: Final = 1e-3
+_REACHED_RAD: Final = 1e-6
+_LEVER_MM: Final = 300.0  # weighs turns against shifts
+_DAMPING: Final = 1e-9  # where two axes turn about one line, no joint runs away
 # joints, as drawn at random, to either side of their middle: an elbow folded farther leads nowhere
 DRAWN_RAD: Final = np.radians([175.0, 90.0, 155.0, 175.0, 140.0, 175.0])
 # links that may touch each other: all but neighbours, and wrist 1 and 3, which never meet (§1.3)
@@ -109,6 +117,8 @@ class UrModel:
     flange_to_tcp_mm : flange to TCP, along the flange's axis
     jaws_rad : direction in which the jaws move, about the flange's axis from its x axis
     middle_rad : (6,) each joint is used within half a turn of this
+    made : (6, 6) differences of its frames from their drawing, as `kinematics.link_frames`; 0 until
+        measured
     """
 
     name: str
@@ -118,17 +128,28 @@ class UrModel:
     flange_to_tcp_mm: float
     jaws_rad: float
     middle_rad: Floats
+    made: Floats = field(default_factory=kinematics.AS_DRAWN.copy)
+
+    @property
+    def figures(self) -> UrFigures:
+        """What a calibration finds of it."""
+        return UrFigures(self)
+
+    def measured(self, values: Floats) -> "UrModel":
+        """Return the arm with the values (36,) of its figures."""
+        made = np.asarray(values, np.float64).reshape(self.made.shape)
+        return replace(self, made=made)
 
     @property
     def tool_mm(self) -> float:
         """Distance from the wrist's centre, where the axes of wrist 2 and 3 meet, to the TCP."""
-        return self.size.d6 + self.flange_to_tcp_mm
+        return self.size.d6 + self.flange_to_tcp_mm + float(self.made[-1, 3])
 
     @property
     def reach_mm(self) -> float:
         """Largest distance of the wrist's centre from the base's axis."""
         size = self.size
-        return float(np.hypot(abs(size.a2) + abs(size.a3) + size.d5, size.d4))
+        return float(np.hypot(abs(size.a2) + abs(size.a3) + size.d5, size.d4)) + self._off_mm
 
     @property
     def joint_names(self) -> Sequence[str]:
@@ -157,19 +178,21 @@ class UrModel:
 
     def forward(self, q: Floats) -> Floats:
         """Return T_arm_tcp (..., 4, 4) of joints (..., 6); limits are not checked."""
-        return kinematics.forward_flange(q, self.size) @ self._tcp_on_flange()
+        return self._forward(*self.link_frames(q))
 
     def link_frames(self, q: Floats) -> tuple[Floats, Floats]:
         """Return the links' frames of joints (n, 6): rotations (n, 6, 3, 3), origins (n, 6, 3)."""
-        return kinematics.link_frames(q, self.size)
+        return kinematics.link_frames(q, self.size, self.made)
 
     def branches(self, T_arm_tcp: Floats) -> Floats:
         """Return the joints of all branches, (..., 8, 6), each within half a turn of its middle.
 
         NaN where a branch does not exist.
         """
-        T = np.asarray(T_arm_tcp, np.float64) @ np.linalg.inv(self._tcp_on_flange())
-        q = kinematics.flange_branches(T, self.size)
+        T = np.asarray(T_arm_tcp, np.float64)
+        q = kinematics.flange_branches(T @ np.linalg.inv(self._tcp_on_flange()), self.size)
+        if self.made.any():
+            q = self._as_made(q, T)
         return np.asarray(self.middle_rad - np.pi + (q - self.middle_rad + np.pi) % (2 * np.pi))
 
     def inverse(self, T_arm_tcp: Floats) -> tuple[Ints, Ints, Floats]:
@@ -241,7 +264,8 @@ class UrModel:
         base = max(float(np.hypot(wrist, size.d4)) + hand, upper + corner[2], *corner[:2])
         elbow = max(fore + hand, corner[2])
         wrist2 = max(far_mm, corner[4], size.d6 + corner[5])
-        return np.array([base, shoulder, elbow, hand, wrist2, max(beside_mm, corner[5])])
+        drawn = np.array([base, shoulder, elbow, hand, wrist2, max(beside_mm, corner[5])])
+        return np.asarray(drawn + self._off_mm)
 
     def detours(self, q_from: Floats, q_to: Floats) -> Iterator[Sequence[Sequence[Floats]]]:
         """Yield groups of joint paths (6,) to (6,) over obstacles in between."""
@@ -266,6 +290,70 @@ class UrModel:
         """Return one q (6,) in degrees."""
         return "(" + ", ".join(f"{v:.0f}" for v in np.degrees(q)) + ")"
 
+    @property
+    def _off_mm(self) -> float:
+        """Bound on how far any point is from where the drawing has it [mm]."""
+        size = self.size
+        lever_mm = size.d1 + abs(size.a2) + abs(size.a3) + size.d4 + size.d5 + size.d6
+        turned = np.linalg.norm(self.made[:, :3], axis=1) * (lever_mm + self.flange_to_tcp_mm)
+        return float(np.sum(turned + np.linalg.norm(self.made[:, 3:], axis=1)))
+
+    def _forward(self, R: Floats, origin: Floats) -> Floats:
+        """Return T_arm_tcp (..., 4, 4) of the links' frames."""
+        T = np.zeros((*R.shape[:-3], 4, 4))
+        T[..., 3, 3] = 1.0
+        T[..., :3, :3] = R[..., -1, :, :]
+        T[..., :3, 3] = origin[..., -1, :]
+        return T @ self._tcp_on_flange()
+
+    def _as_made(self, q: Floats, T_arm_tcp: Floats) -> Floats:
+        """Return the joints (..., 8, 6) of the arm as made, near those of the drawing.
+
+        NaN where there are none.
+
+        Parameters
+        ----------
+        q : (..., 8, 6) joints by the drawing
+        T_arm_tcp : (..., 4, 4) target
+        """
+        there = np.isfinite(q[..., 0])
+        rows = q[there]
+        goal = np.broadcast_to(T_arm_tcp[..., None, :, :], (*q.shape[:-1], 4, 4))[there]
+        left = np.arange(len(rows))  # most are there after two steps
+        for number in range(_STEPS + 1):
+            error, jac = self._error(rows[left], goal[left])
+            off_mm = _LEVER_MM * np.linalg.norm(error[:, :3], axis=1)
+            is_off = (off_mm > _REACHED_MM) | (np.linalg.norm(error[:, 3:], axis=1) > _REACHED_RAD)
+            left, error, jac = left[is_off], error[is_off], jac[is_off]
+            if not len(left) or number == _STEPS:
+                break
+            # damped least squares
+            square = jac @ np.swapaxes(jac, -1, -2) + _DAMPING * np.eye(6)
+            step = np.swapaxes(jac, -1, -2) @ np.linalg.solve(square, error[..., None])
+            rows[left] += step[..., 0]
+        rows[left] = np.nan
+        out = np.full_like(q, np.nan)
+        out[there] = rows
+        return out
+
+    def _error(self, q: Floats, goal: Floats) -> tuple[Floats, Floats]:
+        """Return what the TCP lacks to its goals (n, 6), and its derivatives (n, 6, 6) by joints.
+
+        Shift over `_LEVER_MM`, then turn [rad].
+        """
+        R, origin = self.link_frames(q)
+        T = self._forward(R, origin)
+        off = goal[:, :3, :3] @ np.swapaxes(T[:, :3, :3], -1, -2)
+        turn = np.stack(
+            [off[:, 2, 1] - off[:, 1, 2], off[:, 0, 2] - off[:, 2, 0], off[:, 1, 0] - off[:, 0, 1]],
+            axis=1,
+        )
+        axes = R[:, :, :, 2]
+        arms = np.cross(axes, T[:, None, :3, 3] - origin) / _LEVER_MM
+        jac = np.concatenate([np.swapaxes(arms, 1, 2), np.swapaxes(axes, 1, 2)], axis=1)
+        shift = (goal[:, :3, 3] - T[:, :3, 3]) / _LEVER_MM
+        return np.concatenate([shift, turn / 2.0], axis=1), jac
+
     def _tcp_on_flange(self) -> Floats:
         """Return T_flange_tcp (4, 4): x is the flange's axis, y the direction of the jaws."""
         cos, sin = np.cos(self.jaws_rad), np.sin(self.jaws_rad)
@@ -274,4 +362,4 @@ class UrModel:
         T[:3, 1] = cos, sin, 0.0
         T[:3, 2] = -sin, cos, 0.0
         T[2, 3] = self.flange_to_tcp_mm
-        return T
+        return np.asarray(T @ kinematics.moved_pose(self.made[-1]))

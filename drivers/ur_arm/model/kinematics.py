@@ -15,21 +15,31 @@ from numpy.typing import NDArray
 
 from ._sizes import UrSize
 
-__all__ = ["JOINTS", "LINKS", "flange_branches", "forward_flange", "link_frames"]
+__all__ = ["AS_DRAWN", "JOINTS", "LINKS", "MADE", "flange_branches", "link_frames", "moved_pose"]
 
 Floats = NDArray[np.float64]
 
 JOINTS: Final = ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3")
 LINKS: Final = ("shoulder", "upper", "fore", "wrist1", "wrist2", "wrist3")
+# frames that may differ from their drawing: of the joints behind the base's, and of the TCP
+MADE: Final = (*JOINTS[1:], "tool")
+AS_DRAWN: Final = np.zeros((len(MADE), 6))
 PARALLEL: Final = 1e-9  # sine of wrist 2 below which wrist 1 and wrist 3 turn about one axis
 # a target beyond the stretched arm by less than this share of its reach is rounding
 ROUNDING: Final = 1e-9
 
 
-def link_frames(q: Floats, size: UrSize) -> tuple[Floats, Floats]:
+def link_frames(q: Floats, size: UrSize, made: Floats = AS_DRAWN) -> tuple[Floats, Floats]:
     """Return the links' frames at joints (..., 6): rotations (..., 6, 3, 3), origins (..., 6, 3).
 
     In the arm's frame [mm].
+
+    Parameters
+    ----------
+    q : joints
+    size : lengths of the arm
+    made : (6, 6) turn [rad] and shift [mm] of each frame of `MADE` against its drawing, in its own
+        axes
     """
     q = np.asarray(q, np.float64)
     x, y, z = (np.eye(3)[k] for k in range(3))
@@ -46,20 +56,25 @@ def link_frames(q: Floats, size: UrSize) -> tuple[Floats, Floats]:
     origin = np.zeros((*q.shape[:-1], 3))
     turns, origins = [], []
     for joint, (before, offset) in enumerate(steps):
+        if joint > 0 and made[joint - 1].any():
+            off = moved_pose(made[joint - 1])
+            before, offset = before @ off[:3, :3], offset + before @ off[:3, 3]
         origin = origin + R @ offset
-        R = R @ before @ _about_z(q[..., joint])
+        R = R @ (before @ _about_z(q[..., joint]))
         turns.append(R)
         origins.append(origin)
     return np.stack(turns, axis=-3), np.stack(origins, axis=-2)
 
 
-def forward_flange(q: Floats, size: UrSize) -> Floats:
-    """Return T_arm_flange (..., 4, 4) of joints (..., 6) [mm]."""
-    R, origin = link_frames(q, size)
-    T = np.zeros((*R.shape[:-3], 4, 4))
-    T[..., 3, 3] = 1.0
-    T[..., :3, :3] = R[..., -1, :, :]
-    T[..., :3, 3] = origin[..., -1, :]
+def moved_pose(row: Floats) -> Floats:
+    """Return the pose (4, 4) of a rotation vector [rad] and a shift [mm] (6,)."""
+    T = np.eye(4)
+    T[:3, 3] = row[3:]
+    angle = float(np.linalg.norm(row[:3]))
+    if angle > 0.0:
+        x, y, z = row[:3] / angle
+        K = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+        T[:3, :3] += np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
     return T
 
 

@@ -31,7 +31,7 @@ from .rtde import (
     encode_request,
     encode_version,
 )
-from .script import movej, set_payload, set_tcp, stopj
+from .script import freedrive, movej, set_payload, set_tcp, stopj
 
 __all__ = [
     "AT_ONCE",
@@ -56,6 +56,7 @@ __all__ = [
     "encode_outputs",
     "encode_request",
     "encode_version",
+    "freedrive",
     "message_text",
     "mode_words",
     "movej",

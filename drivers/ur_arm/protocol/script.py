@@ -5,7 +5,7 @@ Sections (§) are those of ur.md.
 
 from collections.abc import Iterable
 
-__all__ = ["movej", "set_payload", "set_tcp", "stopj"]
+__all__ = ["freedrive", "movej", "set_payload", "set_tcp", "stopj"]
 
 
 def movej(q_rad: Iterable[float], acceleration_rad_s2: float, speed_rad_s: float) -> bytes:
@@ -23,6 +23,12 @@ def movej(q_rad: Iterable[float], acceleration_rad_s2: float, speed_rad_s: float
 def stopj(deceleration_rad_s2: float) -> bytes:
     """Return the line that stops all joints (§4.2)."""
     return f"stopj({deceleration_rad_s2:.6f})\n".encode()
+
+
+def freedrive(seconds: float) -> bytes:
+    """Return the program that lets the arm be led by hand, for so long at the most (§4.6)."""
+    lines = ("def cellctl_freedrive():", "  freedrive_mode()", f"  sleep({seconds:.1f})", "end", "")
+    return "\n".join(lines).encode()
 
 
 def set_payload(mass_kg: float, centre_mm: Iterable[float]) -> bytes:

@@ -10,10 +10,12 @@ from typing import Any, Final
 import numpy as np
 
 from controller.arrays import FloatArray
+from controller.commissioning.places import shifted
 from controller.commissioning.reach import rows_down
 from controller.planning import JointPath, NoMotionError
 from controller.planning.model import CellLayout
 from controller.planning.motion import Scene, connect, segment_seconds, tcp_pose
+from controller.setup.measured_arm import measured_arm
 from drivers.kinds import Stop
 
 from ..bench import SLOW, Bench
@@ -23,12 +25,11 @@ from ..person import Errand
 ABOVE_MM: Final = 30.0  # height over a place at which a person takes over
 MARGIN_MM: Final = 10.0
 CLOSED_MM: Final = 2.0  # opening at which the tips look like one point and the jaws do not press
+RISES: Final = 3  # moves by which the finger tips rise straight enough
 READINGS: Final = 3
 BETWEEN_S: Final = 0.3
 STILL_MM: Final = 0.3  # largest change between two readings of fingertips held still by a person
-# Homing folds the elbow by 30 degrees more, then turns the shoulder to its stop (umi_rtx.md 4.1).
-# From farther on the palm meets the column, and where that is passes for the stop.
-FOLDED_RAD: Final = float(np.radians(92.0))
+BELOW_MM: Final = 2.0  # a place may be lower than the cell file has it
 TRIED: Final = 12  # configurations above a place that are tried
 SEARCHED: Final = 2
 
@@ -54,12 +55,13 @@ async def path_above(
     scene : scene that has to be free
     place_mm : (3,) in the world
     name : name of the place, as a message begins
-    is_folded : whether the elbow may be folded so far that the arm cannot home from there
+    is_folded : whether the arm may be folded so far that it cannot home from there
     """
     start = await bench.arm.read_q()
     goals = await asyncio.to_thread(_above, bench.layout, scene, place_mm, start)
-    if not is_folded:
-        goals = [q for q in goals if abs(q[1]) <= FOLDED_RAD]
+    if not is_folded and goals:
+        may_home = measured_arm(bench.layout).homes_from(np.array(goals))
+        goals = [q for q, may in zip(goals, may_home, strict=True) if may]
     # by the arm's own detours to any of them, before one is searched for at length
     for is_long, some in ((False, goals[:TRIED]), (True, goals[:SEARCHED])):
         for q in some:
@@ -75,8 +77,9 @@ def _above(
 ) -> list[FloatArray]:
     """Return configurations (6,) with the finger tips above a place, the quickest first."""
     q = rows_down(layout, place_mm + np.array([0.0, 0.0, ABOVE_MM]))
-    lowered = q - np.array([0.0, 0.0, 0.0, ABOVE_MM + 2.0, 0.0, 0.0])
-    q = q[layout.arm.within_limits(lowered)] if len(q) else q
+    if len(q):
+        lowered = shifted(layout, q, np.array([0.0, 0.0, -ABOVE_MM - BELOW_MM]))
+        q = q[layout.arm.within_limits(lowered)]
     q = q[scene.free(q, MARGIN_MM)] if len(q) else q
     return sorted(q, key=lambda one: float(segment_seconds(layout, near, one)))
 
@@ -117,9 +120,13 @@ async def set_down(
         "let_go", "The motors hold next, and the arm rises. Take your hands away. Are they away?"
     )
     await bench.motion.enable_power()
-    risen = there.copy()
-    risen[3] += ABOVE_MM
-    await bench.motion.follow((risen,), first_speed=SLOW)
+    # where it was before, it was free; now it is near that
+    up_mm = np.linspace(0.0, ABOVE_MM, RISES + 1)[1:]
+    for high_mm in up_mm:
+        risen = shifted(bench.layout, there[None], np.array([0.0, 0.0, high_mm]))[0]
+        if not bench.layout.arm.within_limits(risen):
+            raise StepFailedError(f"{name}: the arm cannot rise from where it was guided to")
+        await bench.motion.follow((risen,), first_speed=SLOW)
     return at_mm, there
 
 

@@ -8,10 +8,11 @@ from controller.arrays import FloatArray
 from controller.commissioning.grippers import FingerShape, TcpFit, locate_tcp, look_at_fingers
 from controller.commissioning.kinematics import CellFit
 from controller.planning.motion import inverse_rows
+from controller.setup.measured_arm import measured_arm
 
 from ...devices.lamps import STATION_PANEL
 from ..bench import Bench
-from ..boards import APPROACH, go_to, look
+from ..boards import go_to, look
 from ..errors import StepFailedError
 
 OPEN_MM: Final = 40.0
@@ -65,7 +66,7 @@ def _showing_fingers(bench: Bench) -> FloatArray:
     camera = bench.layout.inspection
     sight = camera.T_world_cam[:3, 2]
     rows: list[FloatArray] = []
-    scene = bench.scene()
+    scene, take_up = bench.scene(), measured_arm(bench.layout).take_up
     for number in range(400):
         if len(rows) == LOOKS:
             break
@@ -82,9 +83,9 @@ def _showing_fingers(bench: Bench) -> FloatArray:
         T[:3, 3] = bench.layout.station_mm + rng.uniform(-12.0, 12.0, 3) + 20.0 * approach
         _, _, q = inverse_rows(bench.layout, T[None])
         # where it is approached from as well
-        both = [bench.layout.arm.within_limits(q - back) for back in (0.0, APPROACH)]
+        both = [bench.layout.arm.within_limits(q - back) for back in (0.0, take_up)]
         q = q[np.all(both, axis=0)] if len(q) else q
-        q = q[scene.free(q, MARGIN_MM) & scene.free(q - APPROACH, MARGIN_MM)] if len(q) else q
+        q = q[scene.free(q, MARGIN_MM) & scene.free(q - take_up, MARGIN_MM)] if len(q) else q
         if len(q):
             rows.append(q[number % len(q)])
     return np.array(rows)

@@ -4,6 +4,7 @@ The plate stands out of the fixed jaws. The arm's open jaws come over it from it
 straight lines, and close slowly off its middle until the tip of one finger touches a face of it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import cos, sin
@@ -29,13 +30,16 @@ from ..errors import StepFailedError
 OPEN_MM: Final = 56.0  # opening of the arm's jaws about the plate
 OFF_MM: Final = 10.0  # offset of their middle from the plate's, above any error of the cell file
 TILT_RAD: Final = float(np.radians(3.0))  # above any inclination of fingers and plate
-ALONG_MM: Final = (80.0, 57.0, 34.0)  # distances of the tips from the fixed gripper's tips
+# distances of the tips from the fixed gripper's tips; the inner one as far as the palm lets them
+OUTER_MM: Final = 80.0
+INNER_MM: Final = 34.0
 ACROSS_MM: Final = (-26.0, 26.0)
 AHEAD_MM: Final = 30.0  # distance before the plate's end at which the jaws are clear of it
 TURNS_RAD: Final = tuple(np.radians([0.0, 20.0, -20.0, 40.0, -40.0]).tolist())
 UNMEASURED_MM: Final = 8.0  # added to unmeasured obstacles once the arm is calibrated
 PLATE_MM: Final = (10.0, 8.0, 10.0)  # largest reach of the plate beyond its expected box
 MARGIN_MM: Final = 3.0
+CLEAR_MM: Final = 6.0  # from the plate's end to the palm: the margin, and a tilted palm's edge
 STEP_MM: Final = 4.0  # distance between waypoints along a line
 TOUCH_FORCE: Final = 20  # MAX_FORCE of the jaws, the least that has been used (umi_rtx.md 5.6)
 TOUCH_SPEED: Final = 0.2  # share of the speed at which they close on a part
@@ -140,23 +144,41 @@ def columns(layout: CellLayout, scene: Scene, end_mm: float) -> list[Column]:
     end_mm : position of the plate's free end, in the fixed gripper's frame
     """
     found = []
+    along_mm = stations_mm(layout, end_mm)
     for flip in (1, -1):
         for across_mm in ACROSS_MM:
             for turn_rad in TURNS_RAD:
                 ready = JawsPlace(end_mm + AHEAD_MM, 0.0, across_mm, 0.0, turn_rad, flip)
-                column = _column(layout, scene, ready)
+                column = _column(layout, scene, ready, along_mm)
                 if column is not None:
                     found.append(column)
                     break
     return found
 
 
-def _column(layout: CellLayout, scene: Scene, ready: JawsPlace) -> Column | None:
+def stations_mm(layout: CellLayout, end_mm: float) -> tuple[float, ...]:
+    """Return how far from the fixed gripper's tips each face is touched, from the outside in.
+
+    Parameters
+    ----------
+    layout : layout of the cell
+    end_mm : position of the plate's free end, in the fixed gripper's frame
+    """
+    fronts = [
+        box.T[0, 3] + float(np.abs(box.T[0, :3]) @ box.half_mm) for box in layout.arm_gripper.body
+    ]
+    inner_mm = max(INNER_MM, end_mm + PLATE_MM[0] + CLEAR_MM + max(fronts))
+    return (OUTER_MM, (OUTER_MM + inner_mm) / 2.0, inner_mm)
+
+
+def _column(
+    layout: CellLayout, scene: Scene, ready: JawsPlace, along_mm: Sequence[float]
+) -> Column | None:
     touches: list[tuple[JawsPlace, int]] = []
-    for number, along_mm in enumerate(ALONG_MM):
+    for number, mm in enumerate(along_mm):
         # from one face to the other, and on along the face that was touched last
         for face in (1, -1) if number % 2 == 0 else (-1, 1):
-            touches.append((ready.touching(along_mm, face), face))
+            touches.append((ready.touching(mm, face), face))
     stops = [ready, *(place for place, _ in touches), ready]
     T_fixed = np.asarray(layout.T_world_fixed_tcp, dtype=np.float64)
     poses = [np.array([T_fixed @ one.pose() for one in _line(a, b)]) for a, b in pairwise(stops)]

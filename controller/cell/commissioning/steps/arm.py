@@ -5,9 +5,10 @@ counters (docs/adr/0044). The board's mark on the table defines the world.
 """
 
 import asyncio
+import dataclasses
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from math import cos, degrees, pi, radians, sin
+from math import cos, degrees, pi, sin
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,6 +23,7 @@ from controller.commissioning.kinematics import (
     CellFit,
     CellPrior,
     FaultLimits,
+    KinematicArm,
     KinematicsError,
     Placing,
     PlateGrasp,
@@ -49,7 +51,8 @@ from controller.config.calibrations import (
     Residual,
 )
 from controller.planning.motion import inverse_rows, segment_seconds
-from controller.setup.measured_arm import MeasuredArm, measured_arm, rounding
+from controller.setup.drivers import find_driver
+from controller.setup.measured_arm import at_rest, measured_arm
 
 from ...services import CameraName
 from ..bench import Bench
@@ -84,17 +87,11 @@ MAX_U_DEG: Final = 0.15
 MAX_PLAY_DEG: Final = 0.5
 MAX_FINGER_PX: Final = 0.5
 STOPS: Final = 4  # per camera, approached from both sides
-MOTORS: Final = frozenset({"elbow", "shoulder", "yaw", "wrist1", "wrist2"})
 FACES: Final = ("front", "back")
-# standard deviation of a joint at rest, by chance: rounding to a count and the dead band of its
-# servo
-JOINT_STD: Final = np.array(
-    [radians(0.02), radians(0.04), radians(0.06), 0.15, radians(0.04), radians(0.04)]
-)
 
 
 class ArmStep:
-    """Both cameras, the arm's base, lengths, zeros, coupling and sag, in one fit."""
+    """Both cameras, the arm's base and all figures that its model names, in one fit."""
 
     name = "arm"
     title = "poses of arm and cameras, and errors of the arm's counters"
@@ -113,8 +110,6 @@ class ArmStep:
         DeviceError : a device does not answer or does not get there
         """
         arm = measured_arm(bench.layout)
-        if arm is None:
-            raise StepFailedError("only a UMI RTX can be calibrated here")
         flat_file, plate_file = board_file(bench, "charuco"), board_file(bench, "paddle")
         plate = load_plate(plate_file)
         await bench.permit_motion("The arm homes, and then shows a plate to both cameras.")
@@ -164,7 +159,7 @@ class ArmStep:
                 uncertainty=degrees(one.u_rad),
                 high=MAX_PLAY_DEG,
             )
-        return _calibrations(bench, tcp, arm, play)
+        return _calibrations(bench, tcp, play)
 
 
 # ---- pictures --------------------------------------------------------------------------------
@@ -241,7 +236,7 @@ async def _at_its_mark(
 
 
 def _prior(
-    bench: Bench, arm: MeasuredArm, plate: HeldPlate, placings: Mapping[str, Placing]
+    bench: Bench, arm: KinematicArm, plate: HeldPlate, placings: Mapping[str, Placing]
 ) -> CellPrior:
     layout = bench.layout
     front, back = plate_faces(plate.board)
@@ -251,18 +246,22 @@ def _prior(
         faces={"flat": PrintedPattern(), "front": front, "back": back},
         placings=placings,
         grasps={"plate": PlateGrasp(plate.T_tcp_body, clamped_std())},
-        arm=arm.figures,
+        arm=arm,
         T_world_arm=layout.T_world_arm,
         base_std=base_std(),
-        joint_std=JOINT_STD,
+        joint_std=arm.joint_std,
     )
 
 
 async def _in_the_jaws(
     bench: Bench, prior: CellPrior, held: PlateInJaws, lying: Sequence[BoardPicture]
 ) -> tuple[list[BoardPicture], list[StopPicture]]:
-    """Return pictures with every motor moved from below, and stops approached from both sides."""
+    """Return pictures with every motor moved from below, and stops approached from both sides.
+
+    The latter of an arm alone whose gears have play.
+    """
     bench.evidence.show("computing where to show the plate")
+    motors = frozenset(prior.arm.motors)
     chosen = _configurations(bench, prior, held, lying)
     pictures: list[BoardPicture] = []
     stops: list[StopPicture] = []
@@ -281,10 +280,10 @@ async def _in_the_jaws(
             continue
         pictures.append(below)
         seen[one.camera] += 1
-        if seen[one.camera] <= STOPS:
+        if motors and seen[one.camera] <= STOPS:
             above = await held.shown(camera, one.q, f"{name}_above", from_below=False)
             if above is not None:
-                stops += [StopPicture(below, name), StopPicture(above, name, MOTORS)]
+                stops += [StopPicture(below, name), StopPicture(above, name, motors)]
     if len(pictures) < PICTURES // 2:
         raise StepFailedError(
             f"the plate was found in {len(pictures)} of {len(chosen)} pictures, half of "
@@ -331,7 +330,7 @@ def _in_order(bench: Bench, chosen: Sequence[PoseCandidate]) -> list[PoseCandida
 
 # ---- what was found ----------------------------------------------------------------------------
 def _calibrations(
-    bench: Bench, tcp: TcpFit, arm: MeasuredArm, play: Mapping[str, Play]
+    bench: Bench, tcp: TcpFit, play: Mapping[str, Play]
 ) -> dict[CalibrationName, Calibration]:
     evidence, fit = bench.evidence, tcp.fit
     evidence.measure("corner noise", fit.noise_px, "px", high=MAX_RMS_PX)
@@ -352,18 +351,26 @@ def _calibrations(
         found[name] = _camera(bench, fit, name, u_mm, residual)
         u_all[name] = u_mm
     rows = np.concatenate([*where.values()])
-    rounding_mm, rounding_deg = rounding(bench.layout, rows)
-    evidence.measure("rounding of joints to counts, at the TCP", rounding_mm, "mm")
+    rest_mm, rest_deg = at_rest(bench.layout, rows)
+    evidence.measure("joints at rest about where they are sent, at the TCP", rest_mm, "mm")
     pose = tcp_uncertainty(fit, rows)
-    u_deg = float(np.hypot(rms([degrees(one.u_rad) for one in pose]), rounding_deg))
+    u_deg = float(np.hypot(rms([degrees(one.u_rad) for one in pose]), rest_deg))
     evidence.measure("direction of the gripper", u_deg, "deg", high=MAX_U_DEG)
     play_deg = {name: round(max(0.0, degrees(one.rad)), 4) for name, one in play.items()}
-    u_mm = float(np.hypot(max(u_all.values()), rounding_mm))
-    own = _arm(bench, fit, arm, u_mm, u_deg, residual)
+    u_mm = float(np.hypot(max(u_all.values()), rest_mm))
+    own = _arm(bench, fit, u_mm, u_deg, residual)
     found["arm"] = own.model_copy(
-        update={"jaw_zero_mm": round(tcp.jaw_zero_mm, 3), "play_deg": play_deg}
+        update={
+            "jaw_zero_mm": round(tcp.jaw_zero_mm, 3) if _takes_jaw_zero(bench) else None,
+            "play_deg": play_deg,
+        }
     )
     return found
+
+
+def _takes_jaw_zero(bench: Bench) -> bool:
+    driver = find_driver("arm", bench.cell.devices.arm.driver)
+    return "jaw_zero_mm" in {one.name for one in dataclasses.fields(driver.settings)}
 
 
 def rms(values: Sequence[float]) -> float:
@@ -422,11 +429,11 @@ def _camera(
 
 
 def _arm(
-    bench: Bench, fit: CellFit, arm: MeasuredArm, u_mm: float, u_deg: float, residual: Residual
+    bench: Bench, fit: CellFit, u_mm: float, u_deg: float, residual: Residual
 ) -> ArmCalibration:
     return ArmCalibration(
         **bench.header(residual=residual),
-        **arm.fields(fit.arm),
+        figures=fit.arm,
         T_world_arm=_matrix(fit.T_world_arm),
         u_mm=u_mm,
         u_deg=u_deg,

@@ -23,7 +23,6 @@ from controller.commissioning.grippers import (
 from controller.commissioning.target import BoardSection, load_board
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration, FixedGripperCalibration, Residual
-from controller.config.cell import UmiSection
 
 from ..bench import Bench
 from ..boards import PlateInJaws, as_handed, board_file
@@ -238,10 +237,7 @@ async def _leave(bench: Bench, scene: Any) -> None:  # noqa: ANN401
 
 
 def _noise(bench: Bench) -> TouchNoise:
-    arm = bench.cell.arm
-    if not isinstance(arm, UmiSection):
-        raise StepFailedError("only a UMI RTX can measure the fixed gripper here")
-    u = arm.uncertainty
+    u = bench.cell.arm.uncertainty
     # its position is uncertain to all sides, and one of them counts
     return TouchNoise(
         TOUCH_MM, TOUCH_MIN_MM, OPENING_MM, u.position_mm / 3**0.5, radians(u.angle_deg) / 2**0.5

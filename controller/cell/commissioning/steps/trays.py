@@ -25,6 +25,7 @@ from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration, Residual, TraysCalibration
 from controller.planning.model import Tray
 from controller.planning.motion import Scene
+from controller.setup.measured_arm import measured_arm
 
 from ...operator import Choice
 from ..bench import Bench
@@ -278,7 +279,9 @@ class _Toucher:
         order = {"do": "guide", "seed": self._count, **where}
         at_mm, q = await set_down(bench, path, name, text, order)
         play_deg = bench.cell.devices.arm.settings.get("play_deg", {})
-        self._play_mm = max(self._play_mm, play_uncertainty_mm(bench.layout, q, play_deg))
+        motors = measured_arm(bench.layout).motors
+        play_mm = play_uncertainty_mm(bench.layout, q, play_deg, motors)
+        self._play_mm = max(self._play_mm, play_mm)
         return at_mm
 
 
