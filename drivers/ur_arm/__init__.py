@@ -14,7 +14,7 @@ from ._arm import UrArm
 from ._config import ControllerAddress, UrSettings
 from ._errors import LocalControlError, OutOfRangeError, PowerOffError, SafetyStopError
 from ._session import ArmIdentity
-from .jaws import Jaws, JawScale, ModbusJaws, UrcapJaws
+from .jaws import Jaws, ModbusJaws, UrcapJaws
 from .model import MODELS, LinkBox, UrFigures, UrModel, UrShape, UrTiming, describe
 
 __all__ = [
@@ -22,7 +22,6 @@ __all__ = [
     "MODELS",
     "ArmIdentity",
     "ControllerAddress",
-    "JawScale",
     "Jaws",
     "LinkBox",
     "LocalControlError",
@@ -52,24 +51,17 @@ def _build(site: Site, settings: UrSettings) -> UrArm:
 
 
 def _jaws(site: Site, address: ControllerAddress, settings: UrSettings) -> Jaws:
+    config = GripperConfig(
+        unit=settings.gripper_unit,
+        open_mm=settings.jaw_open_mm,
+        counts_open=settings.jaw_open_counts,
+        counts_closed=settings.jaw_closed_counts,
+        default_speed_mm_s=settings.jaw_speed_mm_s,
+    )
     if settings.gripper == "modbus":
         host, _, port = settings.gripper_address.rpartition(":")
-        config = GripperConfig(
-            unit=settings.gripper_unit,
-            open_mm=settings.jaw_open_mm,
-            counts_open=settings.jaw_open_counts,
-            counts_closed=settings.jaw_closed_counts,
-            default_speed_mm_s=settings.jaw_speed_mm_s,
-        )
         return ModbusJaws(TcpAddress(host, int(port)), site.clock, config)
-    scale = JawScale(settings.jaw_open_mm, settings.jaw_open_counts, settings.jaw_closed_counts)
-    return UrcapJaws(
-        settings.host or address.host,
-        settings.gripper_port,
-        site.clock,
-        scale,
-        settings.jaw_speed_mm_s,
-    )
+    return UrcapJaws(settings.host or address.host, settings.gripper_port, site.clock, config)
 
 
 DRIVER: Final[ArmDriver[UrSettings, UrShape, UrModel]] = ArmDriver(

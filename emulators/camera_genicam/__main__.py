@@ -6,16 +6,12 @@ Prints one JSON line with their addresses, then obeys JSON lines on stdin, each 
 """
 
 import argparse
-import asyncio
-import contextlib
-import json
-import signal
-import sys
 from dataclasses import replace
 from typing import Any
 
 from emulators.clock import WorldClock
 from emulators.clock_pattern import ClockPattern
+from emulators.steered import obey_lines, run_until_told
 
 from .device import CameraConfig, GenicamDevice
 from .features import Sensor
@@ -55,34 +51,16 @@ def _obey(order: dict[str, Any], server: GenicamServer, devices: dict[str, Genic
 async def _main(args: argparse.Namespace) -> None:
     clock = WorldClock(speed=args.speed)
     devices = {name: _camera(args, clock, n, name) for n, name in enumerate(args.names, start=1)}
-    loop = asyncio.get_running_loop()
-    orders = asyncio.StreamReader()
-    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(orders), sys.stdin)
+
+    def state() -> dict[str, Any]:
+        return {
+            "addresses": dict(server.addresses),
+            "lost": {name: device.lost_count for name, device in devices.items()},
+        }
+
     async with GenicamServer(devices, clock) as server:
-
-        def say() -> None:
-            state = {
-                "addresses": dict(server.addresses),
-                "lost": {name: device.lost_count for name, device in devices.items()},
-            }
-            sys.stdout.write(json.dumps(state) + "\n")
-            sys.stdout.flush()
-
-        async with asyncio.TaskGroup() as tasks:
-            frames = tasks.create_task(server.run())
-            say()
-            while line := await orders.readline():
-                _obey(json.loads(line), server, devices)
-                say()
-            frames.cancel()
-
-
-async def _until_told(args: argparse.Namespace) -> None:
-    main = asyncio.create_task(_main(args))
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, main.cancel)
-    with contextlib.suppress(asyncio.CancelledError):
-        await main
+        await obey_lines(server, state, lambda order: _obey(order, server, devices))
 
 
 if __name__ == "__main__":
-    asyncio.run(_until_told(_parser().parse_args()))
+    run_until_told(_main(_parser().parse_args()))

@@ -6,16 +6,12 @@ Prints one JSON line that says where they are, then obeys JSON lines on stdin, e
 """
 
 import argparse
-import asyncio
-import contextlib
-import json
-import signal
-import sys
 from pathlib import Path
 from typing import Any
 
 from emulators.clock import WorldClock
 from emulators.clock_pattern import ClockPattern
+from emulators.steered import obey_lines, run_until_told
 
 from .device import Faults, V4l2Device
 from .kernel import CameraConfig
@@ -59,38 +55,19 @@ def _obey(order: dict[str, Any], server: CameraServer, devices: dict[str, V4l2De
 async def _main(args: argparse.Namespace) -> None:
     clock = WorldClock(speed=args.speed)
     devices = {f"video{number}": _camera(args, clock) for number in range(args.cameras)}
-    loop = asyncio.get_running_loop()
-    orders = asyncio.StreamReader()
-    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(orders), sys.stdin)
+
+    def state() -> dict[str, Any]:
+        return {
+            "addresses": dict(server.addresses),
+            "transport": server.transport,
+            "why_not_fuse": server.why_not_fuse,
+            "started_wall_s": clock.started_wall_s,
+            "lost": {name: device.lost_count for name, device in devices.items()},
+        }
+
     async with CameraServer(devices, args.directory, args.transport) as server:
-
-        def say() -> None:
-            state = {
-                "addresses": dict(server.addresses),
-                "transport": server.transport,
-                "why_not_fuse": server.why_not_fuse,
-                "started_wall_s": clock.started_wall_s,
-                "lost": {name: device.lost_count for name, device in devices.items()},
-            }
-            sys.stdout.write(json.dumps(state) + "\n")
-            sys.stdout.flush()
-
-        async with asyncio.TaskGroup() as tasks:
-            frames = tasks.create_task(server.run())
-            say()
-            while line := await orders.readline():
-                _obey(json.loads(line), server, devices)
-                say()
-            frames.cancel()
-
-
-async def _until_told(args: argparse.Namespace) -> None:
-    main = asyncio.create_task(_main(args))
-    # without this, SIGTERM would leave the mount behind
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, main.cancel)
-    with contextlib.suppress(asyncio.CancelledError):
-        await main
+        await obey_lines(server, state, lambda order: _obey(order, server, devices))
 
 
 if __name__ == "__main__":
-    asyncio.run(_until_told(_parser().parse_args()))
+    run_until_told(_main(_parser().parse_args()))

@@ -24,10 +24,10 @@ from drivers.errors import (
     StalledError,
     WrongDeviceError,
 )
+from drivers.gripper_modbus import GripperConfig
 from drivers.kinds import Stop
 from drivers.ur_arm import (
     ControllerAddress,
-    JawScale,
     LocalControlError,
     PowerOffError,
     SafetyStopError,
@@ -43,7 +43,7 @@ PARK_DEG = (0.0, -100.0, 110.0, -100.0, -90.0, 0.0)
 def arm_at(robot: UrController, model: str = "ur5e", **settings: Any) -> UrArm:
     clock = CellClock(speed=SPEED, min_timeout_wall_s=0.5)
     given = {f"{name}_port": robot.ports[name] for name in ("dashboard", "script", "gripper")}
-    jaws = UrcapJaws("127.0.0.1", robot.ports["gripper"], clock, JawScale(), 80.0)
+    jaws = UrcapJaws("127.0.0.1", robot.ports["gripper"], clock, GripperConfig())
     address = ControllerAddress("127.0.0.1", robot.ports["rtde"])
     shape = UrShape(model, 170.0, PARK_DEG)
     return UrArm(address, shape, UrSettings(rtde_hz=50.0, **given, **settings), jaws, clock)
@@ -570,7 +570,7 @@ async def test_a_gripper_without_its_urcap_is_named(robot: UrController) -> None
     async with robot.serving():
         arm = arm_at(robot)
         robot.sta = 3
-        jaws = UrcapJaws("127.0.0.1", 1, CellClock(speed=SPEED), JawScale(), 80.0)
+        jaws = UrcapJaws("127.0.0.1", 1, CellClock(speed=SPEED), GripperConfig())
         with pytest.raises(LinkError, match=r"no gripper .Robotiq URCap. at 127"):
             await jaws.connect()
         await arm.aclose()

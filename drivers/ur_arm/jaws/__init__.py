@@ -4,8 +4,8 @@ Sections (§) are those of ur.md.
 """
 
 from ._modbus import ModbusJaws
-from ._reading import Jaws, JawScale, JawState
+from ._reading import Jaws, JawState
 from ._urcap import UrcapJaws
 from ._zeroed import ZeroedJaws
 
-__all__ = ["JawScale", "JawState", "Jaws", "ModbusJaws", "UrcapJaws", "ZeroedJaws"]
+__all__ = ["JawState", "Jaws", "ModbusJaws", "UrcapJaws", "ZeroedJaws"]

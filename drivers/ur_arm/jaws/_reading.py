@@ -1,12 +1,9 @@
-"""What the arm needs of a gripper on its flange, whatever wire it has.
-
-Sections (§) are those of ur.md.
-"""
+"""What the arm needs of a gripper on its flange, whatever wire it has."""
 
 from dataclasses import dataclass
 from typing import Protocol
 
-__all__ = ["JawScale", "JawState", "Jaws"]
+__all__ = ["JawState", "Jaws"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,52 +22,6 @@ class JawState:
     is_activated: bool
     is_moving: bool
     is_pressing: bool
-
-
-@dataclass(frozen=True, slots=True)
-class JawScale:
-    """The scales of a Robotiq 2F-85 as delivered (§6.2).
-
-    Attributes
-    ----------
-    open_mm : opening at ``counts_open`` [mm]
-    counts_open, counts_closed : position fully open, and with the fingertips touching
-    min_speed_mm_s, max_speed_mm_s : speed at 0 and 255
-    min_force_n, max_force_n : force at 0 and 255
-    """
-
-    open_mm: float = 85.0
-    counts_open: int = 3
-    counts_closed: int = 230
-    min_speed_mm_s: float = 20.0
-    max_speed_mm_s: float = 150.0
-    min_force_n: float = 20.0
-    max_force_n: float = 235.0
-
-    @property
-    def mm_per_count(self) -> float:
-        """Travel of the jaws for one count [mm]."""
-        return self.open_mm / (self.counts_closed - self.counts_open)
-
-    def opening_mm(self, counts: int) -> float:
-        """Return the opening at a position [mm], 0 where the fingertips touch."""
-        return max(0.0, (self.counts_closed - counts) * self.mm_per_count)
-
-    def counts(self, opening_mm: float) -> int:
-        """Return the position for an opening [mm]; the ends lie beyond the stops."""
-        if opening_mm <= 0.0:
-            return 255
-        if opening_mm >= self.open_mm:
-            return 0
-        return round(self.counts_closed - opening_mm / self.mm_per_count)
-
-    def speed_byte(self, speed_mm_s: float) -> int:
-        """Return the byte of the nearest speed that it has [mm/s]."""
-        return _byte(speed_mm_s, self.min_speed_mm_s, self.max_speed_mm_s)
-
-    def force_byte(self, force_n: float) -> int:
-        """Return the byte of the nearest force that it has [N]."""
-        return _byte(force_n, self.min_force_n, self.max_force_n)
 
 
 class Jaws(Protocol):
@@ -124,7 +75,3 @@ class Jaws(Protocol):
     async def aclose(self) -> None:
         """Release the line; opens no jaw."""
         ...
-
-
-def _byte(value: float, low: float, high: float) -> int:
-    return round(255 * (min(max(value, low), high) - low) / (high - low))

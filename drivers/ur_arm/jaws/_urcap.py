@@ -16,9 +16,10 @@ from drivers.errors import (
     ReplyTimeoutError,
     StalledError,
 )
+from drivers.gripper_modbus import Counts, GripperConfig
 
 from ..ports import Stream, open_stream
-from ._reading import JawScale, JawState
+from ._reading import JawState
 
 __all__ = ["UrcapJaws"]
 
@@ -42,8 +43,7 @@ class UrcapJaws:
     ----------
     host, port : where it is
     clock : the cell's clock
-    scale : its scales
-    speed_mm_s : usual speed of its jaws
+    config : its scales, and the usual speed of its jaws
     idle_force_n : force with which they move in empty air
     """
 
@@ -52,12 +52,11 @@ class UrcapJaws:
         host: str,
         port: int,
         clock: CellClock,
-        scale: JawScale,
-        speed_mm_s: float,
+        config: GripperConfig,
         idle_force_n: float = 20.0,
     ) -> None:
-        self._host, self._port, self._clock, self._scale = host, port, clock, scale
-        self._speed_mm_s, self._idle_force_n = speed_mm_s, idle_force_n
+        self._host, self._port, self._clock, self._config = host, port, clock, config
+        self._idle_force_n = idle_force_n
         self._stream: Stream | None = None
         self._data = b""
         self._one = asyncio.Lock()
@@ -72,12 +71,12 @@ class UrcapJaws:
     @property
     def max_opening_mm(self) -> float:
         """Largest opening [mm]."""
-        return self._scale.open_mm
+        return self._config.open_mm
 
     @property
     def force_range_n(self) -> tuple[float, float]:
         """Least and largest force of a grasp [N]."""
-        return self._scale.min_force_n, self._scale.max_force_n
+        return self._config.min_force_n, self._config.max_force_n
 
     async def connect(self) -> JawState:
         """Open the line; return the first reading."""
@@ -101,9 +100,9 @@ class UrcapJaws:
                 fault,
             )
         is_active = status == ACTIVE
-        is_shut = position >= self._scale.counts_closed
+        is_shut = position >= self._config.counts_closed
         return JawState(
-            opening_mm=self._scale.opening_mm(position),
+            opening_mm=max(0.0, self._config.counts_to_opening_mm(Counts(position))),
             is_activated=is_active,
             is_moving=is_active and contact == MOVING,
             is_pressing=is_active
@@ -154,12 +153,13 @@ class UrcapJaws:
             raise PositionLostError(
                 "arm gripper: not active: it had no power; home the arm, which opens and shuts it"
             )
-        speed_mm_s = max(self._speed_mm_s * speed_share, self._scale.min_speed_mm_s)
+        speed_mm_s = max(self._config.default_speed_mm_s * speed_share, self._config.min_speed_mm_s)
         limit_s = MOVE_MARGIN * abs(before.opening_mm - opening_mm) / speed_mm_s + MOVE_MARGIN_S
         self._guard(stop_count)
         await self._set(
-            f"POS {self._scale.counts(opening_mm)} SPE {self._scale.speed_byte(speed_mm_s)} "
-            f"FOR {self._scale.force_byte(force_n)} GTO 1"
+            f"POS {self._config.opening_mm_to_counts(opening_mm)} "
+            f"SPE {self._config.speed_to_byte(speed_mm_s)} "
+            f"FOR {self._config.force_to_byte(force_n)} GTO 1"
         )
         begun_s = self._clock.attended_s()
         rest_count, last_mm = 0, -1.0
