@@ -10,6 +10,7 @@ import shutil
 import sqlite3
 import tempfile
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -164,11 +165,8 @@ def test_what_was_written_anew_as_a_whole_shows_by_a_hash_kept_elsewhere_only(
     folder = runs / stored_run.RUN
     brighten(folder)
     digest = hashlib.sha256((folder / "pictures/v01_ring.png").read_bytes()).hexdigest()
-    found = (
-        sqlite3.connect(runs / JOURNAL_NAME)
-        .execute("SELECT kind, name, body, part FROM journal ORDER BY seq")
-        .fetchall()
-    )
+    with closing(sqlite3.connect(runs / JOURNAL_NAME)) as db:
+        found = db.execute("SELECT kind, name, body, part FROM journal ORDER BY seq").fetchall()
     for path in runs.glob(f"{JOURNAL_NAME}*"):
         path.unlink()
     journal = Journal(runs / JOURNAL_NAME, stored_run.RUN)

@@ -165,6 +165,25 @@ def test_a_fail_needs_two_looks_or_one_before_the_panel() -> None:
         assert found.is_disputed is (verdict is not Verdict.FAIL)
 
 
+@pytest.mark.parametrize(
+    ("lamps", "verdict"),
+    [
+        (("ring", "side"), Verdict.INDETERMINATE),
+        (("ring", "backlit"), Verdict.FAIL),
+        (("ring", "side", "low"), Verdict.FAIL),
+    ],
+)
+def test_two_lit_looks_do_not_fail_a_part_against_a_third_that_they_leave_out(
+    lamps: tuple[str, ...], verdict: Verdict
+) -> None:
+    looks = [seen(-0.6, lamp=lamp, edge_noise=0.02) for lamp in lamps]
+    looks.append(seen(0.0, lamp="above", edge_noise=0.02))
+    found = result_of(asked(), combine(asked(), looks, SETTINGS))
+    assert found.looks[-1].reason.startswith("disagrees")
+    assert found.verdict is verdict
+    assert found.is_disputed is (verdict is Verdict.INDETERMINATE)
+
+
 def test_one_look_that_disagrees_with_many_is_left_out_and_says_so() -> None:
     looks = [seen(0.0, view=f"v{k}", grasp=k, edge_noise=0.01) for k in range(4)]
     looks.append(seen(0.3, lamp="side", edge_noise=0.01))

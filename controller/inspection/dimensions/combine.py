@@ -51,8 +51,8 @@ class Combined:
     is_disputed : True if it is open since looks contradict each other, or a required one is missing
     views : views that contributed
     looks : all looks; those left out give the reason
-    is_sure : True if two independent looks agree, or there is one before the panel, where no shadow
-        looks like an edge: enough for a FAIL
+    is_sure : True if two independent looks agree and fewer are left out than may be, or there is
+        one before the panel, where no shadow looks like an edge: enough for a FAIL
     """
 
     measured_mm: float | None
@@ -205,7 +205,11 @@ def _chosen(
         scale = max(1.0, _reach(used, vector, against) ** 2 / _largest(_total(shares)))
         shares = {name: share * scale for name, share in shares.items()}
     views = tuple(dict.fromkeys(e.look.view_id for e in used))
-    return _Mean(vector, shares, reason, is_twice, is_proven, True, views, tuple(dropped))
+    # Of three looks at a textured edge two may err alike, and leave out the one that is right.
+    is_enough = any(e.look.lamp == BACKLIT for e in used) or (
+        is_twice and len(dropped) < MAX_DROPPED * count
+    )
+    return _Mean(vector, shares, reason, is_twice, is_enough, True, views, tuple(dropped))
 
 
 def _sum(halves: Sequence[_Mean]) -> _Mean:

@@ -14,7 +14,7 @@ from ._types import MeasuringSettings, PosedView
 from .combine import Combined, combine
 
 DEFAULT: Final = MeasuringSettings()
-UNSURE: Final = "one look under one lamp says so, and a FAIL needs two"
+UNSURE: Final = "a FAIL needs two independent looks, and more than two in three that agree"
 
 
 def measure(
