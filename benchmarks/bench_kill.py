@@ -1,12 +1,14 @@
 """SIGKILL a controller at a random moment, start again, and ask the world what became of the part.
 
     python benchmarks/bench_kill.py [--seeds 1-25] [--speed 10] [--json]
+    python benchmarks/bench_kill.py --cell recipes/cells/ur5e.yaml --at grasping,inspecting:2
 
 The emulated cell is a process of its own and lives on. The first controller is killed at a moment
 drawn from the seed, anywhere from the first picture to the tray. A second one is started on the
 same folder of runs with `--auto-recover`. Where the part was, what was let go and where it ended
 is the world's own word (its control port); what the controllers believed is in the journal. Then
 the record is counted: the one part of the world is one part in the history, with its tray.
+With --at it is killed soon after it has entered a state for the first or a further time.
 """
 
 import os
@@ -16,10 +18,11 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench import Arguments, note, show
+from bench import EMULATED, Arguments, note, show
 from kill_world import KillWorld, kill_world, lines_of, start
 
 from controller.cell.journal import first_flaw, read_rows
@@ -30,6 +33,7 @@ from controller.results.run import list_runs, load_run
 RECIPE, PART, CELL_SEED = "recipes/holder.yaml", "recipes/parts/holder.stl", 8
 # cell seconds from the first picture to beyond the tray
 SPAN_S = 170.0
+STAGE_S = 2.0  # cell seconds within which a stage is cut off
 # a part that is let go higher than this above what is below it has been dropped
 DROP_MM = 15.0
 # custody in the journal, and who holds the part in the world
@@ -39,12 +43,34 @@ HOLDERS = {
 }  # fmt: skip
 
 
-def kill_at(seed: int, speed: float, folder: Path) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """When a controller is killed.
+
+    Attributes
+    ----------
+    state : the state that it has to have entered
+    time : for the how manieth time
+    span_s : within so many cell seconds after that, as the seed draws it
+    """
+
+    state: str = "acquiring"
+    time: int = 1
+    span_s: float = SPAN_S
+
+    @classmethod
+    def of(cls, text: str) -> "Moment":
+        """Return the moment that ``STATE`` or ``STATE:TIME`` names."""
+        state, _, number = text.partition(":")
+        return cls(state, int(number or 1), STAGE_S)
+
+
+def kill_at(seed: int, speed: float, folder: Path, cell: Path, at: Moment) -> dict[str, Any]:
     """Kill a controller at a random moment, start again, and return what happened."""
-    delay_s = random.Random(seed).uniform(0.0, SPAN_S)
+    delay_s = random.Random(seed).uniform(0.0, at.span_s)
     runs = folder / "runs"
-    with kill_world(folder, PART, seed=CELL_SEED, speed=speed) as world:
-        state, result = _run_until(world, runs, delay_s)
+    with kill_world(folder, PART, seed=CELL_SEED, speed=speed, drawing=cell) as world:
+        state, result = _run_until(world, runs, at, delay_s)
         killed = world.when_still()
         before = _part(killed)
         second = start(world, RECIPE, runs, "--auto-recover")
@@ -119,17 +145,20 @@ def counted(runs: Path) -> dict[str, Any]:
     }
 
 
-def _run_until(world: KillWorld, runs: Path, delay_s: float) -> tuple[str, dict[str, Any]]:
-    """Run a controller until so long after its first picture, and kill it; return its state."""
-    state, result = "", {}
+def _run_until(
+    world: KillWorld, runs: Path, at: Moment, delay_s: float
+) -> tuple[str, dict[str, Any]]:
+    """Run a controller until so long after a moment, and kill it; return its state."""
+    state, entered, result = "", 0, {}
     first = start(world, RECIPE, runs)
     until_s: float | None = None
     with first:
         for line in lines_of(first):
-            state = line.get("state") or state
+            before, state = state, line.get("state") or state
             if line.get("event") == "result":
                 return "complete", line
-            if until_s is None and state == "acquiring":
+            entered += state == at.state != before
+            if until_s is None and entered == at.time:
                 until_s = world.truth()["time_s"] + delay_s
             if until_s is not None:
                 break
@@ -151,17 +180,22 @@ def main() -> int:
     parser = Arguments(__doc__, seeds="101")
     parser.add_argument("--seeds", default="1-25", help="first and last seed")
     parser.add_argument("--speed", type=float, default=10.0)
+    parser.add_argument("--cell", type=Path, default=EMULATED, help="cell file as drawn")
+    parser.add_argument("--at", default="", help="STATE[:TIME], ...: one kill in each")
     parser.add_argument("--until", type=float, default=float("inf"), metavar="S",
                         help="begin no further kill after so many seconds")  # fmt: skip
     args = parser.parse_args()
     first, _, last = args.seeds.partition("-")
     outcomes: list[dict[str, Any]] = []
     began_s = time.monotonic()
-    for seed in range(int(first), int(last or first) + 1):
+    moments = [Moment.of(one) for one in args.at.split(",") if one]
+    seeds = range(1, len(moments) + 1) if moments else range(int(first), int(last or first) + 1)
+    for seed in seeds:
+        at = moments[seed - 1] if moments else Moment()
         if time.monotonic() - began_s > args.until:
             break
         with tempfile.TemporaryDirectory() as folder:
-            outcomes.append(kill_at(seed, args.speed, Path(folder)))
+            outcomes.append(kill_at(seed, args.speed, Path(folder), args.cell, at))
         note(outcomes[-1])
     tally = Counter(f"{one['held_by']} -> {one['tray'] or one['end']}" for one in outcomes)
     summary = {

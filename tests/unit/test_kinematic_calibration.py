@@ -12,6 +12,7 @@ from controller.commissioning.calibration import FoundBoard
 from controller.commissioning.kinematics import (
     BoardPicture,
     CellFit,
+    ExactArm,
     KinematicsError,
     Placing,
     aim_uncertainty_mm,
@@ -26,7 +27,7 @@ from controller.commissioning.kinematics import (
 )
 from controller.commissioning.kinematics.layout import UnknownsLayout
 from controller.commissioning.target import BoardSection
-from drivers.umi_scara import ArmGeometry, UmiFigures
+from drivers.umi_scara import ArmGeometry, UmiFigures, kinematics
 
 # over the table, at the station and at the fixed gripper, some of each
 ELSEWHERE = np.array(
@@ -239,3 +240,15 @@ def test_a_placing_wholly_known_fixes_the_world() -> None:
     there = calibrate_cell(replace(prior, placings=shifted), pictures)
     moved = there.camera("overhead").position_mm - here.camera("overhead").position_mm
     assert moved[0] > 5.0  # the priors pull a little
+
+
+def test_of_an_arm_that_names_no_figures_base_and_cameras_are_found() -> None:
+    cell = cells.true_cell(3, arm=cells.TrueArm())
+    prior = replace(cells.prior(), arm=ExactArm(kinematics.forward))
+    fit = calibrate_cell(prior, cells.pictures(cell, seed=3))
+    assert fit.arm == {}
+    assert not any(name.startswith("arm.") for name in fit.layout.names)
+    assert max(standardised(cell, fit)) < 2.5
+    off = np.linalg.inv(cell.T_world_arm) @ fit.T_world_arm
+    assert np.linalg.norm(off[:3, 3]) < 0.5  # drawn within 3 mm and 0.5 degrees
+    assert np.abs(off[:3, :3] - np.eye(3)).max() < np.radians(0.05)
