@@ -4,6 +4,7 @@ import json
 import shutil
 import subprocess
 import sys
+from ctypes.util import find_library
 from pathlib import Path
 
 import pytest
@@ -52,3 +53,18 @@ def test_a_recorded_run_replays_byte_by_byte_and_another_force_is_found(tmp_path
     assert found["byte"] == 1
     assert bytes.fromhex(found["recorded"])[1] == 60
     assert bytes.fromhex(found["sent"])[1] == 55
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(2 * LIMIT_S)
+@pytest.mark.skipif(find_library("aravis-0.8") is None, reason="libaravis-0.8 is not installed")
+def test_a_run_on_gige_vision_cameras_replays_byte_by_byte(tmp_path: Path) -> None:
+    wires = tmp_path / "run.wires"
+    ran, _ = cellctl(
+        "run", ROOT / "recipes" / "holder.yaml", "--speed", 10, "--seed", 5,
+        "--cell", ROOT / "recipes" / "cells" / "genicam.yaml",
+        "--runs", tmp_path / "runs", "--record", wires,
+    )  # fmt: skip
+    assert ran == 0
+    code, same = cellctl("replay", "--wires", wires)
+    assert (code, same["difference"]) == (0, None)

@@ -6,6 +6,7 @@ The Modbus frames are the standard's own example (V1.1b3, 6.3): registers 0x6B t
 import asyncio
 import errno
 from collections.abc import Callable, Coroutine
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -147,6 +148,57 @@ def test_who_is_not_next_goes_on_once_the_next_one_is_overdue(tmp_path: Path) ->
         return tape.now_s
 
     assert run(tape, work) == pytest.approx(3.0 + OVERDUE_S)
+
+
+def polled_once_more(stopped_s: float) -> Rows:
+    """Return a poll of a watcher on the arm's line, then a stop by the batch."""
+    return [
+        (1.0, "arm", "turn", ["IP1 4C", "Watcher.run"], b""),
+        (1.0, "arm", "sent", None, b"\x4c"),
+        (1.01, "arm", "got", None, b"\x8e\xa0\x04"),
+        (stopped_s, "arm", "turn", ["stop 24", "batch"], b""),
+        (stopped_s, "arm", "sent", None, b"\x24"),
+        (stopped_s + 0.01, "arm", "got", None, b"\x00"),
+    ]
+
+
+def stopped_without_a_poll(tmp_path: Path, rows: Rows, request: bytes = b"\x24") -> Tape:
+    """Play rows, at whose end a run ends; the replay sends the stop alone."""
+    writer = WireWriter(tmp_path / "run.wires")
+    for row in (*rows, (rows[-1][0] + 0.1, "run", "end", None, b"")):
+        writer.write(*row)
+    writer.close()
+    tape = Tape(WireReader(writer.path), WireLoop(rows[0][0]), 1.0)
+
+    async def stop() -> None:
+        tape.callers.begin()
+        line = PlayedLine(tape, "arm")
+        transport: Any = line.opening(object)
+        await line.turn("stop 24")
+        transport.write(request)
+        assert await transport.read(1.0) == b"\x00"
+        assert tape.now_s == pytest.approx(rows[-1][0])
+
+    with suppress(UnpluggedError):
+        run(tape, stop)
+    return tape
+
+
+def test_a_poll_of_the_last_moments_may_be_missing(tmp_path: Path) -> None:
+    tape = stopped_without_a_poll(tmp_path, polled_once_more(stopped_s=2.0))
+    assert (tape.difference, tape.request_count) == (None, 1)
+
+
+def test_a_poll_before_that_may_not(tmp_path: Path) -> None:
+    tape = stopped_without_a_poll(tmp_path, polled_once_more(stopped_s=4.0))
+    assert tape.difference is not None
+    assert (tape.difference.at_s, tape.difference.recorded) == (1.0, b"\x4c")
+
+
+def test_another_request_of_the_last_moments_is_a_difference(tmp_path: Path) -> None:
+    tape = stopped_without_a_poll(tmp_path, polled_once_more(stopped_s=2.0), request=b"\x25")
+    assert tape.difference is not None
+    assert (tape.difference.recorded, tape.difference.sent) == (b"\x24", b"\x25")
 
 
 def frames() -> Rows:
