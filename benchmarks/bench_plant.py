@@ -4,10 +4,12 @@
     python benchmarks/bench_plant.py --parts 2400    what two hours at that rate bring
 
 A journal grows by parts as runs write them, at `--rate` parts a second, while the real `cellctl
-connect` serves webhook, folder and REST, OPC UA where asyncua is installed, and MQTT where
-mosquitto is. Each receiver is of this script; the one of OPC UA subscribes with 50 ms. A result is
-late by the time from the row that finished its part until the receiver has it; REST is asked every
-50 ms. The bridge's memory is read when it is ready and at the end.
+connect` serves webhook, folder, REST and a PLC's registers, OPC UA where asyncua is installed, and
+MQTT and Sparkplug where mosquitto is. Each receiver is of this script; the one of OPC UA subscribes
+with 50 ms. A result is late by the time from the row that finished its part until the receiver has
+it; REST and the PLC's registers are asked every 50 ms, and the PLC acknowledges each result before
+it gets the next. Sparkplug's is the DDATA that mirrors it. The bridge's memory is read when it is
+ready and at the end. `bench_plant_cell.py` has whole runs beside it.
 """
 
 import asyncio
@@ -23,8 +25,9 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -32,7 +35,11 @@ from urllib.request import Request, urlopen
 
 import numpy as np
 from bench import EMULATED, ROOT, Arguments, note, show
+from pymodbus.client import ModbusTcpClient
 from results_bench import RunWriter, verdict, view
+
+from controller.cell.batch import Papers
+from controller.plant.wires.mqtt.payload import decode
 
 ASKED_S = 1.0
 ASKED_MB = 150.0
@@ -48,13 +55,32 @@ class Arrivals:
     def __init__(self) -> None:
         self.at: dict[str, dict[tuple[str, int], float]] = {}
         self._lock = threading.Lock()
+        self._key_of: dict[int, tuple[str, int]] = {}
+        self._unnamed: list[tuple[str, int, float]] = []
 
     def note(self, wire: str, part: dict[str, Any]) -> None:
         """Note a result; alarms do not count."""
         if part.get("schema") == "cellctl.part/1":
             with self._lock:
                 key = (str(part["run"]), int(part["part"]))
+                self._key_of[int(part["seq"])] = key
                 self.at.setdefault(wire, {}).setdefault(key, time.monotonic())
+                self._name()
+
+    def note_number(self, wire: str, seq: int) -> None:
+        """Note a result by its row, where a wire has that alone; another wire names the part."""
+        with self._lock:
+            self._unnamed.append((wire, seq, time.monotonic()))
+            self._name()
+
+    def _name(self) -> None:
+        unnamed, self._unnamed = self._unnamed, []
+        for wire, seq, at_s in unnamed:
+            key = self._key_of.get(seq)
+            if key is None:
+                self._unnamed.append((wire, seq, at_s))
+            else:
+                self.at.setdefault(wire, {}).setdefault(key, at_s)
 
 
 def free_port() -> int:
@@ -139,6 +165,33 @@ def ask_rest(port: int, arrivals: Arrivals) -> Callable[[], None]:
     return look
 
 
+def ask_plc(port: int, arrivals: Arrivals) -> Callable[[], None]:
+    """Be a PLC that only takes results: read, acknowledge, drop the acknowledgement."""
+    plc = ModbusTcpClient("127.0.0.1", port=port)
+    has_acknowledged = False
+
+    def look() -> None:
+        nonlocal has_acknowledged
+        if not plc.connected and not plc.connect():  # not ready yet
+            return
+        registers = plc.read_holding_registers(0, count=10).registers
+        is_valid = bool(registers[1] >> 3 & 1)
+        if is_valid and not has_acknowledged:
+            arrivals.note_number("plc", registers[8] << 16 | registers[9])
+        if is_valid != has_acknowledged:
+            has_acknowledged = is_valid
+            plc.write_register(100, 4 * is_valid)
+
+    return look
+
+
+def heard_json(payload: bytes) -> Iterator[dict[str, Any]]:
+    """Yield the results in a Sparkplug payload: DDATA has aliases, and one value is their JSON."""
+    for metric in decode(payload).metrics:
+        if isinstance(metric.value, str) and metric.value.startswith("{"):
+            yield json.loads(metric.value)
+
+
 def broker(stack: ExitStack, folder: Path, arrivals: Arrivals) -> int | None:
     """Start a broker and a subscriber; return its port, None where there is no mosquitto."""
     program = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
@@ -152,19 +205,28 @@ def broker(stack: ExitStack, folder: Path, arrivals: Arrivals) -> int | None:
     stack.callback(served.wait)
     stack.callback(served.terminate)
     wait_open(port)
-    topic = "cellctl/v1/bench/part"
-    heard = subprocess.Popen(
-        [subscribe, "-p", str(port), "-q", "1", "-t", topic], stdout=subprocess.PIPE
-    )
-    stack.callback(heard.wait)
-    stack.callback(heard.terminate)
 
-    def listen() -> None:
-        assert heard.stdout is not None
-        for line in heard.stdout:
-            arrivals.note("mqtt", json.loads(line))
+    def listen(topic: str, hear: Callable[[bytes], None]) -> None:
+        heard = subprocess.Popen(
+            [subscribe, "-p", str(port), "-q", "1", "-t", topic, "-F", "%x"],
+            stdout=subprocess.PIPE,
+        )
+        stack.callback(heard.wait)
+        stack.callback(heard.terminate)
 
-    threading.Thread(target=listen, daemon=True).start()
+        def work() -> None:
+            assert heard.stdout is not None
+            for line in heard.stdout:
+                hear(bytes.fromhex(line.decode()))
+
+        threading.Thread(target=work, daemon=True).start()
+
+    def mirror(payload: bytes) -> None:
+        for part in heard_json(payload):
+            arrivals.note("sparkplug", part)
+
+    listen("cellctl/v1/bench/part", lambda payload: arrivals.note("mqtt", json.loads(payload)))
+    listen("spBv1.0/bench/DDATA/#", mirror)
     return port
 
 
@@ -229,18 +291,20 @@ def opcua(stack: ExitStack, folder: Path, arrivals: Arrivals) -> tuple[int | Non
     return port, is_ready
 
 
-def cell_file(folder: Path, url: str, rest: int, mqtt: int | None, opc: int | None) -> Path:
+def cell_file(
+    folder: Path, url: str, rest: int, plc: int, mqtt: int | None, opc: int | None
+) -> Path:
     """Write a cell file with these wires."""
     text = EMULATED.read_text().replace("name: emulated", "name: bench")
     text += (
-        "\nconnect:\n"
+        "\nconnect:\n  may_start: yes\n"
         f"  webhook: [{{url: '{url}', secret_file: secret}}]\n"
         "  folder: [{path: out, name: '{run}_{part}'}]\n"
         f"  rest: {{listen: '127.0.0.1:{rest}'}}\n"
     )
-    text += f"  plc: {{listen: '127.0.0.1:{free_port()}', recipes: {{1: holder}}}}\n"
+    text += f"  plc: {{listen: '127.0.0.1:{plc}', recipes: {{1: holder}}}}\n"
     if mqtt is not None:
-        text += f"  mqtt: {{broker: 127.0.0.1, port: {mqtt}}}\n"
+        text += f"  mqtt: {{broker: 127.0.0.1, port: {mqtt}, sparkplug: {{group: bench}}}}\n"
     if opc is not None:
         text += f"  opcua: {{listen: '127.0.0.1:{opc}'}}\n"
     (folder / "secret").write_text("a secret of this benchmark alone")
@@ -270,7 +334,9 @@ def write_parts(runs: Path, count: int, rate: float, day: int) -> dict[tuple[str
         at = f"{first // 3600:02}{first // 60 % 60:02}{first % 60:02}"
         run = f"202603{day:02}-{at}-000-featuretype"
         of_run = min(RUN_PARTS, count - first)
-        writer = RunWriter(runs, run, count=of_run, cell_name="bench")
+        # the PLC gets the parts of its own orders alone
+        papers = Papers(order_number="PLC-bench")
+        writer = RunWriter(runs, run, count=of_run, cell_name="bench", papers=papers)
         for part in range(1, of_run + 1):
             began_s = time.monotonic()
             writer.whole_part(shown, judged, "accept")
@@ -280,41 +346,73 @@ def write_parts(runs: Path, count: int, rate: float, day: int) -> dict[tuple[str
     return finished
 
 
+@dataclass(frozen=True)
+class Connected:
+    """A bridge with every wire, and a receiver at each.
+
+    Attributes
+    ----------
+    folder : of the cell file, `runs` in it
+    pid : of the bridge
+    rest : port of its REST
+    wires : those that are there
+    """
+
+    folder: Path
+    pid: int
+    rest: int
+    wires: tuple[str, ...]
+    arrivals: Arrivals
+    environment: dict[str, str]
+
+    @property
+    def runs(self) -> Path:
+        return self.folder / "runs"
+
+
+def connected(stack: ExitStack, *options: str) -> Connected:
+    """Start `cellctl connect` with every wire, and a receiver at each."""
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+    arrivals = Arrivals()
+    runs, rest, plc = folder / "runs", free_port(), free_port()
+    runs.mkdir()
+    environment = {**os.environ, "XDG_CONFIG_HOME": str(folder / "config")}
+    subprocess.run(
+        [sys.executable, "-m", "controller.cli", "account", "bench", "--role", "plant"],
+        input=PASSWORD, text=True, check=True, env=environment, stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+    port = broker(stack, folder, arrivals)
+    opc, is_subscribed = opcua(stack, folder, arrivals)
+    path = cell_file(folder, webhook(stack, arrivals), rest, plc, port, opc)
+    bridge = subprocess.Popen(
+        [sys.executable, "-m", "controller.cli", "connect", f"--cell={path}",
+         f"--runs={runs}", "--json", *options],
+        stdout=subprocess.PIPE, env=environment, cwd=folder,
+    )  # fmt: skip
+    stack.callback(bridge.wait)
+    stack.callback(bridge.send_signal, signal.SIGTERM)
+    assert bridge.stdout is not None
+    ready = json.loads(bridge.stdout.readline())
+    note({"wires": ready["wires"]})
+    for listening in (rest, plc, *([opc] if opc else [])):
+        wait_open(listening)
+    follow(stack, watch_folder(folder / "out", arrivals))
+    follow(stack, ask_rest(rest, arrivals))
+    follow(stack, ask_plc(plc, arrivals))
+    is_subscribed.wait(LAST_WALL_S)
+    wires = (
+        *("webhook", "folder", "rest", "plc"),
+        *(["mqtt", "sparkplug"] if port else []),
+        *(["opcua"] if opc else []),
+    )
+    return Connected(folder, bridge.pid, rest, wires, arrivals, environment)
+
+
 def measure(count: int, rate: float) -> dict[str, Any]:
     """Return lateness of each wire, and the bridge's memory and processor time."""
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        arrivals = Arrivals()
-        runs, rest = folder / "runs", free_port()
-        runs.mkdir()
-        environment = {**os.environ, "XDG_CONFIG_HOME": str(folder / "config")}
-        subprocess.run(
-            [sys.executable, "-m", "controller.cli", "account", "bench", "--role", "plant"],
-            input=PASSWORD, text=True, check=True, env=environment, stdout=subprocess.DEVNULL,
-        )  # fmt: skip
-        port = broker(stack, folder, arrivals)
-        opc, is_subscribed = opcua(stack, folder, arrivals)
-        path = cell_file(folder, webhook(stack, arrivals), rest, port, opc)
-        bridge = subprocess.Popen(
-            [sys.executable, "-m", "controller.cli", "connect", f"--cell={path}",
-             f"--runs={runs}", "--json"],
-            stdout=subprocess.PIPE, env=environment, cwd=folder,
-        )  # fmt: skip
-        stack.callback(bridge.wait)
-        stack.callback(bridge.send_signal, signal.SIGTERM)
-        assert bridge.stdout is not None
-        ready = json.loads(bridge.stdout.readline())
-        note({"wires": ready["wires"]})
-        for listening in (rest, *([opc] if opc else [])):
-            wait_open(listening)
-        follow(stack, watch_folder(folder / "out", arrivals))
-        follow(stack, ask_rest(rest, arrivals))
-        every = (
-            *("webhook", "folder", "rest"),
-            *(["mqtt"] if port else []),
-            *(["opcua"] if opc else []),
-        )
-        is_subscribed.wait(LAST_WALL_S)
+        bridge = connected(stack)
+        runs, arrivals, every = bridge.runs, bridge.arrivals, bridge.wires
         write_parts(runs, 2, 1.0, day=1)  # the first ones load what later ones use
         wait_for(arrivals, 2, every)
         before_mb, before_s = memory_mb(bridge.pid), cpu_s(bridge.pid)

@@ -42,7 +42,7 @@ def read_secret(path: Path) -> bytes:
     except SharedFileError as error:
         raise OSError(str(error)) from error
     if found is None:
-        raise FileNotFoundError(f"{path}: there is no such file")
+        raise OSError(f"{path}: there is no such file")
     if not found.strip():
         raise OSError(f"{path}: it is empty")
     return found.strip()
