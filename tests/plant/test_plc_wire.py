@@ -9,7 +9,7 @@ import shutil
 import socket
 import struct
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import Any
 
 import pytest
@@ -486,3 +486,22 @@ def test_a_server_on_the_network_names_its_clients() -> None:
     PlcSection.model_validate(
         {"listen": "0.0.0.0:502", "clients": ["192.0.2.7"], "recipes": {1: "holder"}}
     )
+
+
+async def test_a_server_ends_while_a_client_is_connected_and_says_nothing_of_it() -> None:
+    said: list[dict[str, Any]] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, what: said.append(what))
+    port = free_port()
+    server = ModbusServer(4, 2, lambda: [0] * 4, lambda *_: None)
+    task = asyncio.create_task(server.serve("127.0.0.1", port))
+    await eventually(lambda: is_listening(port))
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    writer.write(frame(b"\x03\x00\x00\x00\x01"))
+    assert len(await reader.readexactly(11)) == 11
+    task.cancel()
+    async with asyncio.timeout(30):
+        await asyncio.gather(task, return_exceptions=True)
+    with suppress(ConnectionError):
+        assert await reader.read() == b""
+    writer.close()
+    assert said == []

@@ -65,7 +65,7 @@ class ModbusServer:
         self._read = read
         self._write = write
         self._clients = clients
-        self._open: set[asyncio.Task[None]] = set()
+        self._open: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
 
     async def serve(self, host: str, port: int) -> None:
         """Serve until cancelled.
@@ -76,12 +76,12 @@ class ModbusServer:
         """
         server = await asyncio.start_server(self._connect, host, port, limit=4096)
         try:
-            await server.serve_forever()
+            await asyncio.Event().wait()  # `serve_forever` would wait for clients to hang up
         finally:
             server.close()
-            for task in self._open:
-                task.cancel()
-            await asyncio.gather(*self._open, return_exceptions=True)
+            for writer in self._open.values():  # a task that is cancelled is logged by asyncio
+                writer.transport.abort()
+            await asyncio.gather(*self._open)
 
     async def _connect(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
@@ -94,11 +94,11 @@ class ModbusServer:
             if len(self._open) >= MAX_CONNECTIONS:
                 log.warning("PLC: %s is one connection too many", peer)
                 return
-            self._open.add(task)
+            self._open[task] = writer
             with suppress(TimeoutError, asyncio.IncompleteReadError, ConnectionError):
                 await self._answer_all(reader, writer)
         finally:
-            self._open.discard(task)
+            self._open.pop(task, None)
             writer.transport.abort()
 
     def _may_connect(self, address: str) -> bool:
