@@ -143,6 +143,8 @@ class FakePlant:
         return f"{kind} {result.key}".encode()
 
     async def order(self, number: str, request: OrderRequest, source: str) -> OrderState:
+        if not 0 < len(number) <= 80 or not number.isprintable():
+            raise RefusedError("an order's number has 1 to 80 printable signs")
         self.told.append(("order", number, source))
         known = self._orders.get(number)
         if known is not None:

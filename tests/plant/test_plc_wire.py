@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import random
 import shutil
-import socket
 import struct
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
@@ -16,7 +15,7 @@ import pytest
 from brokers import free_port
 from fake_plant import FakePlant, alarm_notice, part_result
 from pymodbus.client import AsyncModbusTcpClient
-from wire_bench import deliver_surely, eventually, served
+from wire_bench import deliver_surely, eventually, is_listening, served
 
 from controller.config.cell.plc import PlcSection
 from controller.plant.wires.plc import ModbusServer, PlcWire
@@ -185,11 +184,6 @@ async def pymodbus_at(port: int, *, at_rest: bool = True) -> AsyncIterator[Pymod
         yield master
     finally:
         client.close()
-
-
-def is_listening(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 @pytest.mark.skipif(not shutil.which("mbpoll"), reason="no mbpoll here (apt-get install mbpoll)")

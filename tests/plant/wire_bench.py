@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Protocol
@@ -26,6 +27,11 @@ async def eventually(is_so: Callable[[], bool], what: str = "") -> None:
                 await asyncio.sleep(0.02)
     except TimeoutError:
         raise AssertionError(f"never came: {what or is_so}") from None
+
+
+def is_listening(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 async def heard(by: _Lines, *words: str) -> str:
