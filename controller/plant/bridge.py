@@ -87,6 +87,18 @@ class CellPlant:
             raise PlantError(str(error)) from error
         return found is not None and found.role is Role.PLANT
 
+    def account_mark(self, name: str) -> str:
+        """Return a mark that changes with role and password of an account; empty for an unknown.
+
+        Raises
+        ------
+        PlantError : the accounts cannot be read
+        """
+        try:
+            return self._accounts.mark(name)
+        except AccountsError as error:
+            raise PlantError(str(error)) from error
+
     async def state(self) -> CellState:
         """Return the state of the cell, at most half a second old."""
         async with self._reading:

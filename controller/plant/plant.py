@@ -64,6 +64,12 @@ class Plant(Protocol):
     def may_enter(self, name: str, password: str) -> bool:
         """Return whether a plant account has this password. Slow on purpose: call in a thread."""
 
+    def account_mark(self, name: str) -> str:
+        """Return a mark that changes with role and password of an account; empty for an unknown.
+
+        Reads a file: call in a thread.
+        """
+
     async def state(self) -> CellState:
         """Return the state of the cell, at most half a second old."""
 

@@ -64,6 +64,7 @@ class FakePlant:
     results : results so far, oldest first; add with `finish`
     told : orders, withdrawals, stops and aborts as they came: (what, number or reason, source)
     passwords : plant accounts
+    checked : how often a password was checked
     """
 
     def __init__(self, cell: str = "cell-3") -> None:
@@ -73,6 +74,7 @@ class FakePlant:
         self.results: list[PartResult] = []
         self.told: list[tuple[str, str, str]] = []
         self.passwords = {"mes": "correct horse battery"}
+        self.checked = 0
         self.offers = (
             Offer("holder", "holder", "ab" * 32, 3, ""),
             Offer("plate", "plate", "ef" * 32, 1, ""),
@@ -107,7 +109,11 @@ class FakePlant:
     # what a wire asks
 
     def may_enter(self, name: str, password: str) -> bool:
+        self.checked += 1
         return self.passwords.get(name) == password
+
+    def account_mark(self, name: str) -> str:
+        return self.passwords.get(name, "")
 
     async def state(self) -> CellState:
         return self._state

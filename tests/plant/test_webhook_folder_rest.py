@@ -331,6 +331,21 @@ def test_a_password_is_not_guessed_by_trying_many(client: Client) -> None:
     assert client.ask("GET", "/state").status_code == 429  # the right one waits as well
 
 
+def test_a_password_is_checked_once_and_again_when_its_account_changes(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("controller.plant.wires.rest.KNOWN_WALL_S", 0.0)
+    for _ in range(3):
+        assert client.ask("GET", "/state").status_code == 200
+    assert client.plant.checked == 1
+    client.plant.passwords["mes"] = "another horse battery"
+    assert client.ask("GET", "/state").status_code == 401
+    client.auth = ("mes", "another horse battery")
+    assert client.ask("GET", "/state").status_code == 200
+    del client.plant.passwords["mes"]
+    assert client.ask("GET", "/state").status_code == 401
+
+
 def test_other_addresses_than_this_machines_need_a_certificate() -> None:
     with pytest.raises(PlantError, match="tls_cert"):
         Rest(RestSection(listen="0.0.0.0:8471"), Path())
