@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import weakref
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -153,6 +154,8 @@ class RunWriter:
         self.folder = runs_dir / run_id
         (self.folder / "pictures").mkdir(parents=True)
         self.journal = Journal(runs_dir / JOURNAL_NAME, run_id)
+        # a test may leave its run open, as a killed process does, but not the file
+        weakref.finalize(self, self.journal.close).atexit = False
         self.number = 0
         cell = load_cell(CELL)
         cell = cell.model_copy(update={"name": cell_name or cell.name, "connect": connect})
