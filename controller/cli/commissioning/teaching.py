@@ -173,11 +173,7 @@ class Teacher:
             )
         name = _tray(self._what)
         arm = self._cell.calibration.get("arm")
-        own_mm = (
-            self._cell.arm.uncertainty.position_mm
-            if arm is not None and isinstance(self._cell.arm, UmiSection)
-            else UNCALIBRATED_U_MM
-        )
+        own_mm = UNCALIBRATED_U_MM if arm is None else self._cell.arm.uncertainty.position_mm
         trays = taught_trays(
             self._known_trays(),
             name,
