@@ -29,9 +29,11 @@ def init(
         ),
     ] = None,
     kind: Annotated[
-        DriverKind,
-        typer.Option(help="device of that driver; gripper and lights are on Modbus"),
-    ] = DriverKind.GRIPPER,
+        DriverKind | None,
+        typer.Option(
+            help="device of that driver (default: gripper); gripper and lights are on Modbus"
+        ),
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Create a project folder: recipe, cell file, part, script.
@@ -42,7 +44,10 @@ def init(
     if driver is not None:
         from .starter_driver import lay_out_driver
 
-        raise typer.Exit(lay_out_driver(folder, driver, kind.value, as_json=json))
+        of = kind or DriverKind.GRIPPER
+        raise typer.Exit(lay_out_driver(folder, driver, of.value, as_json=json))
+    if kind is not None:
+        raise typer.BadParameter("--kind requires --driver")
     from .starter_project import lay_out_project
 
     raise typer.Exit(lay_out_project(folder, as_json=json))
