@@ -3,8 +3,9 @@
 Arrays in, dataclasses out (references.md P3.0).
 """
 
-from .identification.hypotheses import Hypothesis, SearchLimits
-from .identification.recognise import RecognitionLimits, recognise
+from .identification.hypotheses import Hypothesis
+from .identification.recognise import recognise
+from .identification.scene import RecognitionLimits, SearchLimits
 from .identification.sighting import Alternative, Recognition, Sighting, Trace
 from .library import Library, LibraryPart, make_library, pose_on_table
 

@@ -16,7 +16,7 @@ from controller.imaging import Camera
 from .fitting import EdgeShape, edge_shape
 from .library import CameraPlace, Library, LibraryPart, check_fits, make_entry, station_of
 
-FORMAT = 2  # raised when the same source comes to mean something else
+FORMAT = 3  # raised when the same source comes to mean something else
 ROOM = Path(__file__).parent
 
 

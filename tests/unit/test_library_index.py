@@ -347,7 +347,7 @@ def test_a_library_lists_each_way_to_lie_once() -> None:
     # a nut on its one face or the other is the same to see; so is on any of its six sides
     assert len(nut.poses) == 2
     assert {len(nut.turns_of(p.index)) for p in nut.poses} == {6, 2}
-    assert library.grey_views == tuple(
+    assert library.edgelet_views == tuple(
         (number, pose.index) for number, entry in enumerate((elbow, nut)) for pose in entry.poses
     )
     T = pose_on_table(solid("elbow"), elbow.poses[0], 12.0, -7.0, 0.4)

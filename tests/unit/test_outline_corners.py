@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 from shapely import Polygon, get_coordinates
 
 from controller.recognition.binary import (
-    BinaryTolerances,
+    CornerTolerances,
     NoOutlineError,
-    find_corners,
+    find_peaks,
     outline_corners,
     triangular,
 )
 
 Array = NDArray[np.float64]
+# A corner is the sample nearest to it, half a spacing off, and smoothed by its neighbours.
+NEAR_MM = 1.5 * CornerTolerances().spacing_mm
 ELL = np.array([[0, 0], [60, 0], [60, 20], [25, 20], [25, 45], [0, 45]], dtype=float)
 
 
@@ -87,7 +89,7 @@ def test_a_polygon_has_its_corners_however_it_lies(turn: float, seed: int) -> No
     for points in (dense(lying), dense(lying)[::-1]):  # and whichever way it runs
         found = outline_corners(noisy(points, seed))
         apart = np.linalg.norm(found.at_mm[:, None] - lying[None], axis=2)
-        assert apart.min(axis=0) == pytest.approx(np.zeros(6), abs=0.1)
+        assert apart.min(axis=0) == pytest.approx(np.zeros(6), abs=NEAR_MM)
         assert np.sort(np.degrees(found.turn_rad)) == pytest.approx([-90, *[90] * 5], abs=15.0)
 
 
@@ -124,7 +126,7 @@ def test_blurred_pixels_have_the_corners_of_the_shape() -> None:
     found = outline_corners(outline)
     apart = np.linalg.norm(found.at_mm[:, None] - lying[None], axis=2).min(axis=0)
     assert len(found.at_mm) == 6
-    assert apart.max() < 0.25  # a pixel
+    assert apart.max() < NEAR_MM
 
 
 def test_what_encloses_nothing_has_no_corners() -> None:
@@ -136,9 +138,9 @@ def test_what_encloses_nothing_has_no_corners() -> None:
 
 
 def test_finer_pixels_than_a_quarter_mm_change_no_tolerance() -> None:
-    assert BinaryTolerances.for_pixels(0.05) == BinaryTolerances()
-    assert BinaryTolerances.for_pixels(0.5).corner_box_mm == pytest.approx(2.0)
-    assert BinaryTolerances.for_pixels(1.0).corner_box_mm == pytest.approx(4.0)
+    assert CornerTolerances.for_pixels(0.05) == CornerTolerances()
+    assert CornerTolerances.for_pixels(0.5).chord_mm == pytest.approx(2.0)
+    assert CornerTolerances.for_pixels(1.0).chord_mm == pytest.approx(4.0)
 
 
 # --- the filter ----------------------------------------------------------------------------------
@@ -166,5 +168,5 @@ def test_a_filter_of_no_length_is_refused() -> None:
 def test_the_middle_of_a_plateau_is_its_corner_wherever_the_loop_begins() -> None:
     filtered = np.zeros(60)
     filtered[20:25] = 12
-    assert find_corners(filtered, 10, 15).distance_px.tolist() == [22.0]
-    assert find_corners(np.roll(filtered, -22), 10, 15).distance_px.tolist() == [0.0]
+    assert find_peaks(filtered, 10, 15).tolist() == [22]
+    assert find_peaks(np.roll(filtered, -22), 10, 15).tolist() == [0]

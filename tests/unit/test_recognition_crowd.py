@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 from recognise_bench import CAMERA, backlit, library, shape
 
 from controller.recognition import recognise
-from controller.recognition.identification import recognise as identifying
+from controller.recognition.identification import clusters
+from controller.recognition.identification.lone import silhouette_of
+from controller.recognition.identification.scene import TableScene
 from controller.recognition.library import FEW_VIEWS, Candidate, Silhouette
 
 
@@ -22,7 +23,7 @@ def look_for_several(monkeypatch: pytest.MonkeyPatch) -> list[object]:
         looks.append(region)
         return ()
 
-    monkeypatch.setattr(identifying, "parts_of", none)
+    monkeypatch.setattr(clusters, "parts_of", none)
     return looks
 
 
@@ -64,11 +65,9 @@ def test_views_near_a_silhouette_are_counted() -> None:
     index = library().index
     picture = backlit(shape(theta_rad=0.3))
     found = recognise(picture, CAMERA, library(), "backlit")
-    loops = tuple(CAMERA.on_plane(loop)[:, :2] for loop in found.traces[0].region.loops_px)
-    area = float(found.sightings[0].area_mm2)
-    perimeter = sum(float(np.linalg.norm(np.diff(loop, axis=0), axis=1).sum()) for loop in loops)
-    grid, centroid, _ = identifying.polar_grid(loops)
-    seen = Silhouette(area, perimeter, centroid, grid)
+    scene = TableScene((picture,), CAMERA, library(), is_backlit=True)
+    seen = silhouette_of(found.traces[0].region.loops_px, scene)
+    assert seen is not None
     counts = [index.near_count(seen, far) for far in (0.0, 0.3, 1.0, 100.0)]
     assert counts == sorted(counts)
     assert counts[0] == 0

@@ -22,8 +22,9 @@ from controller.cad.compiled import compile_solid
 from controller.imaging import PointLamp
 from controller.recognition import Library, Sighting, make_library, recognise
 from controller.recognition.fitting import EdgeFit, Gaps, edge_model, predict_edges
+from controller.recognition.identification.clusters import Answers, each_once
 from controller.recognition.identification.decide import Decision
-from controller.recognition.identification.hypotheses import Hypothesis, SearchLimits
+from controller.recognition.identification.hypotheses import Hypothesis
 from controller.recognition.identification.lit.choice import ClusterPlace, chosen
 from controller.recognition.identification.lit.fits import LitCluster, LitFit
 from controller.recognition.identification.lit.parts import (
@@ -33,13 +34,12 @@ from controller.recognition.identification.lit.parts import (
     sure_beside_unknown,
 )
 from controller.recognition.identification.lit.search import ClusterSearch, tipped
-from controller.recognition.identification.recognise import Answers, each_once
+from controller.recognition.identification.scene import TableScene
 from controller.recognition.library import Candidate
 from controller.recognition.segmentation import Region, joined, near_ones
 
 Array = NDArray[np.float64]
 CAMERA = overhead()
-LIMITS = SearchLimits()
 TABLE = np.array([[-150.0, -120, 0], [150, -120, 0], [150, 120, 0], [-150, 120, 0]])
 RING = PointLamp.ring("ring", np.array([0.0, 0, 690]), np.array([0.0, 0, -1]), 150.0)
 BODIES: dict[str, Body] = {
@@ -274,10 +274,9 @@ def test_what_looks_like_a_part_has_its_outline_in_its_place_and_another_has_not
     outlines = tuple(loop.reshape(-1, 2).astype(np.float64) for loop in loops)
     whole = (0, 0, width, height)
     seen = Region(whole, fit.shadow, outlines, False, float(fit.shadow.sum()), ())
-    search = ClusterSearch(
-        seen, [np.zeros((height, width), np.uint8)], CAMERA, library(), None, LIMITS
-    )
-    found = [candidate for candidate, _ in search.like(seen)]
+    dark = np.zeros((height, width), np.uint8)
+    search = ClusterSearch(seen, TableScene([dark], CAMERA, library(), is_backlit=False))
+    found = search.like(seen)
     assert {library().entries[one.part].name for one in found} == {"plate"}
     centre = T @ np.append(solid("plate").centroid_mm, 1.0)
     assert np.linalg.norm(found[0].place_mm - centre[:2]) < 1.0

@@ -19,7 +19,8 @@ from controller.cad.compiled import compile_solid
 from controller.imaging import Camera, PointLamp, inverse_pose, transform
 from controller.recognition import Library, Sighting, make_library, pose_on_table, recognise
 from controller.recognition.identification.cutout import ObjectCutout
-from controller.recognition.identification.hypotheses import SearchLimits, weigh
+from controller.recognition.identification.hypotheses import weigh
+from controller.recognition.identification.scene import TableScene
 from controller.recognition.library import Candidate
 from controller.recognition.segmentation import segment
 
@@ -494,7 +495,7 @@ def lit_tower(T: Array) -> NDArray[np.uint8]:
     return np.asarray(np.clip(np.round(grey), 0, 255), dtype=np.uint8)
 
 
-@pytest.mark.parametrize("source", ["outline", "lines"])
+@pytest.mark.parametrize("source", ["outline", "edges"])
 def test_under_lamps_an_outline_leads_to_edges_that_are_farther_off_than_each_other(
     source: str,
 ) -> None:
@@ -503,14 +504,14 @@ def test_under_lamps_an_outline_leads_to_edges_that_are_farther_off_than_each_ot
     T = resting(solid, np.eye(3), float(at[0]), float(at[1]), 0.9)
     grey = lit_tower(T)
     (region,) = segment(grey, "front").regions
-    mm_per_px = wide().mm_per_px(np.array([*at, 0.0]))
-    cutout = ObjectCutout(region, (grey,), mm_per_px, [region.loops_px], is_backlit=False)
+    scene = TableScene((grey,), wide(), known, is_backlit=False)
+    cutout = ObjectCutout(region, scene, [region.loops_px])
     (upright,) = [p.index for p in known.entries[0].poses if np.allclose(p.R, np.eye(3))]
     off_mm = []
     for side in np.radians(range(0, 360, 60)):
         x, y = at + 6.5 * np.array([np.cos(side), np.sin(side)])
-        candidate = Candidate(0, upright, 0.9, float(x), float(y), 0.97, 0.1, 3.0)
-        found = weigh([candidate], cutout, wide(), known, SearchLimits(), source)
+        candidate = Candidate(0, upright, 0.9, float(x), float(y), 0.97, 0.1, 3.0, source=source)
+        found = weigh([candidate], cutout, scene.search)
         off_mm.append(float(np.linalg.norm(found[0].place_mm - at)) if found else np.inf)
-    # lines say where they are; what a silhouette says is off by as much as the part leans
+    # edges say where they are; what a silhouette says is off by as much as the part leans
     assert (max(off_mm) < 0.3) == (source == "outline")

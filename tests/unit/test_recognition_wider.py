@@ -16,7 +16,7 @@ from controller.cad.compiled import compile_solid
 from controller.imaging import PointLamp
 from controller.recognition import Library, make_library
 from controller.recognition.identification.decide import decide
-from controller.recognition.identification.hypotheses import SearchLimits
+from controller.recognition.identification.scene import TableScene
 from controller.recognition.identification.wider import look_wider
 from controller.recognition.segmentation import Region, brightest_of
 
@@ -81,10 +81,7 @@ def test_a_part_is_named_and_placed_from_a_piece_of_it(share: float) -> None:
         piece_of(seen, share),
         (),
         (),
-        pictures(bar(), T),
-        CAMERA,
-        library(),
-        SearchLimits(),
+        TableScene(pictures(bar(), T), CAMERA, library(), is_backlit=False),
     )
     best = decide(hypotheses, is_backlit=False).best
     assert best is not None
@@ -101,9 +98,6 @@ def test_a_ridge_of_a_larger_thing_with_the_outline_of_a_part_is_no_part() -> No
         piece_of(covered(T), 1.0),
         (),
         (),
-        pictures(ridged, T),
-        CAMERA,
-        library(),
-        SearchLimits(),
+        TableScene(pictures(ridged, T), CAMERA, library(), is_backlit=False),
     )
     assert decide(hypotheses, is_backlit=False).best is None

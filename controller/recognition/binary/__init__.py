@@ -3,18 +3,23 @@
 The paper's chain of codes and strings (references.md P3.1) became these two: docs/paper.md.
 """
 
-from ._corners import find_corners, triangular
-from ._outline import NoOutlineError, OutlineCorners, outline_corners
+from ._corners import (
+    CornerTolerances,
+    NoOutlineError,
+    OutlineCorners,
+    find_peaks,
+    outline_corners,
+    triangular,
+)
 from ._stretches import STRETCHES_MM, StretchIndex, like, observed_stretches, stretch_index
-from ._tolerances import BinaryTolerances
 
 __all__ = [
     "STRETCHES_MM",
-    "BinaryTolerances",
+    "CornerTolerances",
     "NoOutlineError",
     "OutlineCorners",
     "StretchIndex",
-    "find_corners",
+    "find_peaks",
     "like",
     "observed_stretches",
     "outline_corners",

@@ -1,10 +1,12 @@
-"""Corners of a loop from its turns: a triangular filter, a threshold, local peaks.
+"""Corners of a dense loop in the table plane: where its turn stands out.
 
-The paper (references.md P3.1): the filter is two box-cars one after the other, each a running sum,
-so that a sample costs four additions whatever the length; its Table 2 lists distance and size.
+The paper (references.md P3.1) filters the turns of the chain code by a triangle, two box-cars one
+after the other, and takes the peaks above a threshold. Here the turn is that of a loop seen to a
+fraction of a pixel: where parts may touch, a cluster's outline turns inwards.
 """
 
 from dataclasses import dataclass
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,24 +14,99 @@ from scipy import ndimage
 
 from controller.arrays import FloatArray, IntArray
 
+MIN_AREA_MM2: Final = 1e-6  # area that rounding leaves of a line traced there and back
+MIN_SAMPLES: Final = 12  # samples of the smallest loop
+CHORD_PX: Final = 4.0  # shorter chords turn by the stairs of pixels
 
-@dataclass(frozen=True, eq=False, slots=True)
-class BoundaryCorners:
-    """Corners in the order of the boundary.
+Number = TypeVar("Number", np.float64, np.complex128)
+
+
+class NoOutlineError(ValueError):
+    """A loop of too few points, or one that encloses nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class CornerTolerances:
+    """Tolerances of corners, for pixels of about a quarter mm.
 
     Attributes
     ----------
-    distance_px : (n,) distance along the boundary from its start; half a pixel where a plateau is
-        even
-    size : (n,) filter output there, without its sign: a right angle gives the box-car's length
-    sign : (n,) +1 where the object juts out, -1 where it is notched
-    index : (n,) nearest sample of the boundary
+    spacing_mm : spacing of samples; a pixel, since anything finer is invisible
+    chord_mm : length of the chords whose turn is a corner: 0.03 mm of noise over 2 mm turn a chord
+        by 1 degree, and corners 2 mm apart are still two
+    turn_rad : a smaller turn is no corner: ten times that noise, less than the 30 degrees of a
+        usual lead-in chamfer
+    sharpness : share of its turn a corner keeps at half the chord's length; a sharp one keeps all,
+        an arc half
     """
 
-    distance_px: FloatArray
-    size: FloatArray
-    sign: NDArray[np.int8]
-    index: IntArray
+    spacing_mm: float = 0.25
+    chord_mm: float = 2.0
+    turn_rad: float = 0.35
+    sharpness: float = 0.75
+
+    @classmethod
+    def for_pixels(cls, mm_per_px: float) -> "CornerTolerances":
+        """Return the tolerances for pixels of another size, the longer side of one where oblong.
+
+        They grow with the pixel. Pixels finer than a quarter mm change nothing, since the lens is
+        then the limit.
+        """
+        usual = cls()
+        return cls(
+            spacing_mm=max(usual.spacing_mm, mm_per_px),
+            chord_mm=max(usual.chord_mm, CHORD_PX * mm_per_px),
+        )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class OutlineCorners:
+    """Corners of a loop in the order in which it runs, anticlockwise.
+
+    Attributes
+    ----------
+    at_mm : (c, 2) in the table plane
+    turn_rad : (c,) positive where what the loop encloses juts out
+    """
+
+    at_mm: FloatArray
+    turn_rad: FloatArray
+
+
+def outline_corners(loop_mm: FloatArray, limits: CornerTolerances | None = None) -> OutlineCorners:
+    """Return the corners of a dense loop.
+
+    Parameters
+    ----------
+    loop_mm : (n, 2) closed, the first point not repeated, in the table plane
+    limits : spacing and sizes of corners; None for pixels of a quarter mm
+
+    Raises
+    ------
+    NoOutlineError : fewer than three points, or they enclose nothing
+    """
+    limits = limits or CornerTolerances()
+    if len(loop_mm) < 3:
+        raise NoOutlineError(f"a loop of {len(loop_mm)} points, at least 3 are needed")
+    x, y = (loop_mm - loop_mm[0]).T
+    area_mm2 = 0.5 * float((x * next_of(y) - next_of(x) * y).sum())
+    if abs(area_mm2) < MIN_AREA_MM2:
+        raise NoOutlineError("the loop encloses nothing")
+    loop = (loop_mm if area_mm2 > 0 else loop_mm[::-1]) @ np.array([1.0, 1.0j])
+    rough = _at_equal_steps(loop, limits.spacing_mm)
+    smooth = 0.5 * rough + 0.25 * (np.roll(rough, 1) + next_of(rough))
+    side = next_of(smooth) - smooth
+    step_mm = float(np.abs(side).mean())
+    turn = np.angle(side * np.roll(side, 1).conj())
+    # filtered, it is the turn between the chord behind and the chord ahead: on an arc it grows
+    # with the chord, at a corner it does not
+    chord = max(2, round(limits.chord_mm / step_mm))
+    half = max(1, chord // 2)
+    wide, narrow = triangular(turn, chord) / chord, np.abs(triangular(turn, half) / half)
+    at = find_peaks(wide, limits.turn_rad, chord)
+    beside = narrow[(at[:, None] + np.array([-1, 0, 1])) % len(narrow)].max(axis=1)
+    at = at[beside >= limits.sharpness * np.abs(wide[at])]
+    return OutlineCorners(np.column_stack([smooth[at].real, smooth[at].imag]), wide[at])
 
 
 def triangular(turns: FloatArray, length: int) -> FloatArray:
@@ -56,47 +133,39 @@ def _box_car(values: FloatArray, length: int) -> FloatArray:
     return np.asarray(total[length:] - total[:-length])
 
 
-def find_corners(filtered: FloatArray, threshold: float, reach: int) -> BoundaryCorners:
-    """Return the corners of a boundary: peaks of its filtered curvature, of either sign.
+def find_peaks(filtered: FloatArray, threshold: float, reach: int) -> IntArray:
+    """Return the samples at which filtered turns round a loop peak, in order, of either sign.
 
     Parameters
     ----------
     filtered : (n,) of a closed boundary, from `triangular`
-    threshold : least size of a corner; of the filter's length l a turn by an angle a gives about
-        l a / (pi / 2)
+    threshold : least size of a peak
     reach : samples on either side within which a peak is the highest; the filter's length, since
-        nearer corners are one hill. Peaks of equal height within the reach are one plateau, whose
-        middle counts: slanting lines are stairs, and these make ripples.
+        nearer corners are one hill. Of peaks of equal height within it the middle one counts.
     """
-    count = len(filtered)
-    found: list[tuple[float, float, int]] = []
-    if count:
-        size = min(2 * reach + 1, count)
-        for sign in (1, -1):
-            height = sign * filtered
-            if not (height >= threshold).any():
-                continue
-            highest = ndimage.maximum_filter1d(height, size, mode="wrap")
-            at = np.flatnonzero((height == highest) & (height >= threshold))
-            found += [(m, height[round(m) % count], sign) for m in _plateaus(at, reach, count)]
-    found.sort()
-    distance = np.array([m for m, _, _ in found])
-    return BoundaryCorners(
-        distance_px=distance,
-        size=np.array([s for _, s, _ in found]),
-        sign=np.array([s for _, _, s in found], dtype=np.int8),
-        index=np.round(distance).astype(np.int64) % max(count, 1),
-    )
+    found: list[int] = []
+    size = min(2 * reach + 1, max(len(filtered), 1))
+    for height in (filtered, -filtered):
+        highest = ndimage.maximum_filter1d(height, size, mode="wrap")
+        at = np.flatnonzero((height == highest) & (height >= threshold))
+        if len(at) == 0:
+            continue
+        gaps = np.diff(at, append=at[0] + len(filtered))
+        ends = np.flatnonzero(gaps > reach)  # none: all round, no corner stands out
+        begins = at[(np.roll(ends, 1) + 1) % len(at)]
+        width = (at[ends] - begins) % len(filtered)
+        found += ((begins + width // 2) % len(filtered)).tolist()
+    return np.array(sorted(found), dtype=np.int64)
 
 
-def _plateaus(at: IntArray, reach: int, count: int) -> list[float]:
-    """Return the middles of groups of samples within the reach of each other, round a loop."""
-    gap = np.diff(at, append=at[0] + count)
-    last = np.flatnonzero(gap > reach)
-    if len(last) == 0:  # all round: no corner stands out
-        return []
-    ends = at[last]
-    starts = at[(last + 1) % len(at)]
-    starts = np.roll(starts, 1)
-    middle = starts + ((ends - starts) % count) / 2
-    return [float(m) for m in np.sort(middle % count)]
+def next_of(values: NDArray[Number]) -> NDArray[Number]:
+    """Return the values (n, ...) of a loop, each replaced by the next."""
+    return np.concatenate([values[1:], values[:1]])
+
+
+def _at_equal_steps(loop: NDArray[np.complex128], step: float) -> NDArray[np.complex128]:
+    """Return points at equal steps of about a length along a loop."""
+    closed = np.append(loop, loop[0])
+    along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(closed)))])
+    count = max(MIN_SAMPLES, round(float(along[-1]) / step))
+    return np.asarray(np.interp(np.arange(count) * (along[-1] / count), along, closed))

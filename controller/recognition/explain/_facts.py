@@ -1,7 +1,7 @@
 """Facts of an object: the stages of its recognition, once for picture and table.
 
 Recognition keeps the data its search needs; further data for a reader, such as corners and grey
-features, is computed here from it, by the same functions.
+edges, is computed here from it, by the same functions.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,16 +14,15 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.imaging import Camera, sample_picture
 
-from ..binary import BinaryTolerances, NoOutlineError, OutlineCorners, outline_corners
-from ..fitting import ModelEdgePoints, predict_edges
-from ..grey import ImageFeatures, image_features
+from ..binary import CornerTolerances, NoOutlineError, OutlineCorners, outline_corners
+from ..fitting import NEAR_PX, ModelEdgePoints, predict_edges
+from ..grey import Edgelets, picture_edgelets
 from ..identification.hypotheses import Hypothesis, distinct, is_same_turn
 from ..identification.sighting import Recognition, Sighting, Trace
 from ..library import Candidate, Library, pose_on_table
 
 MAX_CANDIDATES = 8  # candidates listed; more add nothing
 MAX_OTHERS = 3  # rejected hypotheses drawn beside the one that was taken
-NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 LOOK_PX = 3  # reach of the search for an edge
 STANDS_OUT = 2.0  # strength of an edge that stands out, in median slopes beside predicted edges
 FAINT_LIFT = 0.1  # difference of cosines below which lamps may not show the edge of two surfaces
@@ -65,7 +64,7 @@ class ObjectFacts:
     number : from 1
     sighting, trace : answer, and the trace of how it was found
     corners : corners of the outline and of each hole, in the table plane [mm]
-    features : grey lines, corners and circles, where there is no light table; box pixels
+    edgelets : pieces of grey edges, where there is no light table
     candidates : the best of the silhouette, symmetric ones once
     chosen : index of the hypothesis taken, -1 for none
     shown : the one that was taken, or that came nearest; -1 if none was fitted
@@ -78,7 +77,7 @@ class ObjectFacts:
     sighting: Sighting
     trace: Trace
     corners: tuple[OutlineCorners, ...]
-    features: ImageFeatures | None
+    edgelets: Edgelets | None
     candidates: tuple[Candidate, ...]
     chosen: int
     shown: int
@@ -104,7 +103,7 @@ def object_facts(
     library : library used for the recognition
     seen : the result, with a trace of each sighting
     """
-    limits = BinaryTolerances.for_pixels(camera.mm_per_px(np.zeros(3)))
+    limits = CornerTolerances.for_pixels(camera.mm_per_px(np.zeros(3)))
     return tuple(
         _facts(number, sighting, trace, picture, camera, library, seen, limits)
         for number, (sighting, trace) in enumerate(
@@ -121,16 +120,17 @@ def _facts(
     camera: Camera,
     library: Library,
     seen: Recognition,
-    limits: BinaryTolerances,
+    limits: CornerTolerances,
 ) -> ObjectFacts:
     region = trace.region
     is_backlit = seen.segmentation.lighting == "backlit"
     candidates = tuple(distinct(trace.candidates, library)[:MAX_CANDIDATES])
     x0, y0, x1, y1 = region.box_px
     crop = np.ascontiguousarray(picture[y0:y1, x0:x1])
-    features = None
+    edgelets = None
     if not is_backlit and crop.size:
-        features = image_features(crop, lambda px: camera.on_plane(px + np.array([x0, y0], float)))
+        corner = np.array([x0, y0], dtype=np.float64)
+        edgelets = picture_edgelets(crop, lambda px: camera.on_plane(px + corner))
     chosen = _chosen(sighting, trace.hypotheses)
     scores = tuple(h.probability for h in trace.hypotheses)
     shown = chosen if chosen >= 0 else int(np.argmax(scores)) if scores else -1
@@ -139,7 +139,7 @@ def _facts(
         sighting=sighting,
         trace=trace,
         corners=tuple(_corners(region.loops_px, camera, limits)),
-        features=features,
+        edgelets=edgelets,
         candidates=candidates,
         chosen=chosen,
         shown=shown,
@@ -152,7 +152,7 @@ def _facts(
 
 
 def _corners(
-    loops_px: Sequence[FloatArray], camera: Camera, limits: BinaryTolerances
+    loops_px: Sequence[FloatArray], camera: Camera, limits: CornerTolerances
 ) -> Iterator[OutlineCorners]:
     for loop in loops_px:
         with suppress(NoOutlineError):

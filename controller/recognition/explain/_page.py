@@ -29,7 +29,6 @@ from .draw import (
     LINE_PX,
     ORANGE,
     PAPER,
-    PINK,
     RED,
     SKY,
     SOFT,
@@ -49,10 +48,9 @@ GAP_PX = 8
 
 LEGEND: tuple[tuple[str, Colour, str], ...] = (
     ("line", YELLOW, "observed outline"),
-    ("line", SKY, "straight line (grey)"),
-    ("line", PINK, "arc or circle (grey)"),
-    ("dot", ORANGE, "corner that juts out; grey corner"),
-    ("square", GREEN, "notched corner; grey Y or T junction"),
+    ("line", SKY, "grey edge"),
+    ("dot", ORANGE, "corner that juts out"),
+    ("square", GREEN, "notched corner"),
     ("line", GREEN, "predicted edge, found"),
     ("line", RED, "predicted edge, missed"),
     ("line", SOFT, "predicted edge that need not show"),
@@ -210,19 +208,19 @@ def _head(f: ObjectFacts, width: int) -> Picture:
 def _details(
     picture: Grey, camera: Camera, f: ObjectFacts, names: tuple[str, ...], width: int
 ) -> Picture:
-    count = 3 if f.features is None else 4
+    count = 3 if f.edgelets is None else 4
     side = (width - (count - 1) * GAP_PX) // count
     panels = []
     sheet = window(picture, camera, f, side)
     draw_outline(sheet, f, camera)
     panels.append(titled(sheet.canvas, "outline and its corners"))
 
-    if f.features is not None:
+    if f.edgelets is not None:
         sheet = window(picture, camera, f, side)
         draw_grey(sheet, f, camera)
-        panels.append(titled(sheet.canvas, "grey lines, corners, circles"))
+        panels.append(titled(sheet.canvas, "grey edges"))
 
-    is_dark = f.features is None
+    is_dark = f.edgelets is None
     sheet = window(brightened_inside(picture, f) if is_dark else picture, camera, f, side)
     what = "no hypothesis came to be fitted"
     if f.shown >= 0:

@@ -1,4 +1,4 @@
-"""Panels of one object: outline with corners, grey features, poses."""
+"""Panels of one object: outline with corners, grey edges, poses."""
 
 import cv2
 import numpy as np
@@ -29,7 +29,6 @@ from .draw import (
 
 ELLIPSE_FACTOR = 50
 RUNNER_UPS: tuple[Colour, ...] = (ORANGE, PINK, SKY)
-ARC_STEP_RAD = 0.05
 ARROW_MM = 12.0
 WIDER = 0.3  # largest margin on each side, as a share of the object's box
 FILLED = 0.86  # share of a window's side filled by the object's box
@@ -115,20 +114,13 @@ def draw_outline(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
                 sheet.square(at, GREEN)
 
 
-def _arc(centre: FloatArray, start: FloatArray, turn_rad: float) -> FloatArray:
-    angle = np.linspace(0.0, turn_rad, max(3, int(abs(turn_rad) / ARC_STEP_RAD)))
-    x, y = start - centre
-    c, s = np.cos(angle), np.sin(angle)
-    return np.asarray(centre + np.stack([c * x - s * y, s * x + c * y], axis=1))
-
-
 def on_picture(points_mm: FloatArray, camera: Camera) -> FloatArray:
     """Return the pixels (n, 2) of points (n, 2) of the table."""
     return camera.project(np.column_stack([points_mm, np.zeros(len(points_mm))]))
 
 
 def draw_grey(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
-    """Draw grey lines, corners, junctions and circles; nothing over a light table.
+    """Draw pieces of grey edges; nothing over a light table.
 
     Parameters
     ----------
@@ -136,21 +128,14 @@ def draw_grey(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
     facts : facts of the object
     camera : takes the table plane to the picture
     """
-    g = facts.features
-    if g is None:
+    e = facts.edgelets
+    if e is None or len(e.points_mm) == 0:
         return
-    if len(g.lines_mm):
-        ends = on_picture(g.lines_mm.reshape(-1, 2), camera)
-        sheet.strokes(ends[::2], ends[1::2], SKY, 2)
-    c = g.circles
-    for k in range(len(c.radii)):
-        arm = c.radii[k] * np.array([np.cos(c.starts_rad[k]), np.sin(c.starts_rad[k])])
-        arc = _arc(c.centres[k], c.centres[k] + arm, float(c.extents_rad[k]))
-        sheet.line(on_picture(arc, camera), PINK, 2)
-    for at in on_picture(g.corners.positions, camera) if len(g.corners.positions) else ():
-        sheet.dot(at, ORANGE, 3)
-    for at in on_picture(g.junctions.positions, camera) if len(g.junctions.positions) else ():
-        sheet.square(at, GREEN, 3)
+    along = np.column_stack([np.cos(e.directions_rad), np.sin(e.directions_rad)])
+    half = 0.5 * e.lengths_mm[:, None] * along
+    sheet.strokes(
+        on_picture(e.points_mm - half, camera), on_picture(e.points_mm + half, camera), SKY, 2
+    )
 
 
 def draw_pose(sheet: Sheet, facts: ObjectFacts, camera: Camera, width: int = 2) -> None:

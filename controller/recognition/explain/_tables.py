@@ -140,7 +140,7 @@ def _survivors(facts: Sequence[ObjectFacts], library: Library) -> StageTable:
 
 def _stages(f: ObjectFacts, library: Library) -> list[StageTable]:
     tables = []
-    if f.features is not None:
+    if f.edgelets is not None:
         tables.append(_grey(f))
     if f.candidates:
         tables.append(_candidates(f, library))
@@ -150,25 +150,13 @@ def _stages(f: ObjectFacts, library: Library) -> list[StageTable]:
 
 
 def _grey(f: ObjectFacts) -> StageTable:
-    g = f.features
-    assert g is not None
-    length = np.hypot(*(g.lines_mm[:, 2:] - g.lines_mm[:, :2]).T)
+    e = f.edgelets
+    assert e is not None
     rows: list[tuple[Cell, ...]] = [
-        ("lines", len(length), f"{length.sum():.0f} mm in all"),
-        ("corners", len(g.corners.positions), "two lines meet"),
-        ("Y junctions", int(g.junctions.is_y.sum()), "three lines meet"),
-        ("T junctions", int((~g.junctions.is_y).sum()), "one line ends at another's middle"),
-        (
-            "circles and arcs",
-            len(g.circles.radii),
-            "radii [mm] " + " ".join(f"{r:.1f}" for r in g.circles.radii[:8])
-            if len(g.circles.radii)
-            else None,
-        ),
+        ("pieces of edges", len(e.lengths_mm)),
+        ("their length [mm]", float(e.lengths_mm.sum())),
     ]
-    return _table(
-        f"object {f.number}: grey features", [("what", 0), ("count", 0), ("of these", 0)], rows
-    )
+    return _table(f"object {f.number}: grey edges", [("what", 0), ("value", 0)], rows)
 
 
 def _candidates(f: ObjectFacts, library: Library) -> StageTable:

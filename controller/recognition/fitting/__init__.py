@@ -1,6 +1,9 @@
 """A posed part's visible edges, the fit of a pose to a picture, and its evidence."""
 
 from ._evidence import (
+    FAR_PX,
+    MAX_MISFIT_PX,
+    NEAR_PX,
     Evidence,
     ImageEdges,
     asked_of_each_lamp,
@@ -12,10 +15,13 @@ from ._evidence import (
     with_inside,
 )
 from ._fit import (
+    FINE_REACH_MM,
     EdgeFit,
     FitOptions,
     Prior,
     at_rest,
+    at_rest_in,
+    closeness,
     edge_jacobian,
     first_edges,
     fit_edges,
@@ -29,6 +35,10 @@ from ._predict import ModelEdgePoints, predict_edges, predict_outline
 from ._shade import Shading, shading_fits
 
 __all__ = [
+    "FAR_PX",
+    "FINE_REACH_MM",
+    "MAX_MISFIT_PX",
+    "NEAR_PX",
     "EdgeFit",
     "EdgeModel",
     "EdgeShape",
@@ -46,6 +56,8 @@ __all__ = [
     "are_shaded",
     "asked_of_each_lamp",
     "at_rest",
+    "at_rest_in",
+    "closeness",
     "edge_jacobian",
     "edge_model",
     "edge_shape",

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from controller.arrays import FloatArray
+from controller.cad import StablePose
 from controller.imaging import Camera, transform
 
 from ._measure import Gaps, Measure
@@ -27,6 +28,12 @@ SETTLED_PX = 0.004  # a step that moves no edge farther is the last one
 CORRELATED_MM = 3.0  # edge points nearer than this share their errors: blur, pixels, facets
 # error of the camera's calibration, which remains however many edges there are
 CALIBRATION_MM = 0.02
+FINE_REACH_MM = (1.5, 0.8)  # rounds of a full fit: offsets that a coarse one leaves
+CLOSE_PX = 2.0  # offset of an edge that counts 0.6 in a coarse score
+TILT_RAD = 0.0015  # standard deviation of the table's tilt, and of what a chip under a part makes
+# The same of a part that rests on a curve, which friction holds beside its lowest place; under
+# lamps a wall's dark foot is easily lost, and a tilt would make up for it.
+ROCKING_RAD, ROCKING_LIT_RAD = 0.02, 0.006
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,6 +60,19 @@ def at_rest(tilt_rad: float = 0.0) -> Prior:
     tilt_rad : standard deviation of the table's tilt about x and y; 0 to hold the part level
     """
     return Prior((np.inf, np.inf, 0.0), (tilt_rad, tilt_rad, np.inf))
+
+
+def at_rest_in(pose: StablePose, *, is_lit: bool) -> Prior:
+    """Return the prior of a part in a stable pose on the table.
+
+    Parameters
+    ----------
+    pose : it may rest on a face or on a curve
+    is_lit : True under lamps, where edges tell less of a tilt
+    """
+    if not (pose.rocking or pose.rolling):
+        return at_rest(TILT_RAD)
+    return at_rest(ROCKING_LIT_RAD if is_lit else ROCKING_RAD)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +117,12 @@ class EdgeFit:
     gaps: Gaps
     sigma_px: float
     covariance: FloatArray
+
+
+def closeness(fit: EdgeFit) -> FloatArray:
+    """Return how near each predicted edge (n,) is to one seen, 0..1, as coarse scores count it."""
+    off = np.nan_to_num(fit.gaps.gap_px, nan=99.0)
+    return np.asarray(np.exp(-0.5 * (off / CLOSE_PX) ** 2))
 
 
 def fit_edges(

@@ -1,32 +1,23 @@
-"""Grey chain: lines, corners and circles of a grey picture, and the views they may be of.
+"""Grey chain: short pieces of edges in a grey picture, and the views they may be of.
 
-The paper (references.md P3.2): for tables that are not backlit, and for cases that silhouettes
-cannot decide.
+The paper (references.md P3.2) goes from edge points to lines, corners and hypotheses by a line
+between two corners. Here edge points propose views at once (docs/paper.md): for tables that are not
+backlit, and for cases that silhouettes cannot decide.
 """
 
+from ._edgelets import Edgelets, picture_edgelets
+from ._index import EdgeletIndex, edgelet_index
+from ._model import view_edgelets
+from ._sweep import PlacedView, swept
 from ._tolerances import GreyTolerances
-from .features.arcs import Circles
-from .features.corners import Corners, Junctions
-from .features.extract import Edgelets, ImageFeatures, image_features
-from .matching.hypotheses import ViewHypothesis, propose, rate
-from .matching.index import FeatureIndex, feature_index
-from .matching.model import ModelFeatures, model_features
-from .matching.sweep import swept
 
 __all__ = [
-    "Circles",
-    "Corners",
+    "EdgeletIndex",
     "Edgelets",
-    "FeatureIndex",
     "GreyTolerances",
-    "ImageFeatures",
-    "Junctions",
-    "ModelFeatures",
-    "ViewHypothesis",
-    "feature_index",
-    "image_features",
-    "model_features",
-    "propose",
-    "rate",
+    "PlacedView",
+    "edgelet_index",
+    "picture_edgelets",
     "swept",
+    "view_edgelets",
 ]

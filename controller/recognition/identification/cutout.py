@@ -10,6 +10,7 @@ from controller.arrays import BoolArray, FloatArray, Grey
 
 from ..fitting import GreyMeasure, ImageEdges, Measure, OutlineMeasure
 from ..segmentation import Region
+from .scene import TableScene
 
 RIM_MM = 0.8  # width of a part's rim whose grey levels blur with what lies beside it
 BESIDE_PX = 3  # distance outside the mask within which strong edges are still the part's
@@ -21,29 +22,29 @@ class ObjectCutout:
     Parameters
     ----------
     region : as it was cut out
-    pictures : pictures of the scene; a backlit one last, after those under lamps. Of several
-        without a backlit one the first is the brightest of the others, which are judged together
-    mm_per_px : at the object
+    scene : its pictures, and the parts that it may be
     outlines : the loops [px] of each outline that it may have; the region's own first
-    is_backlit : its outline is known whole
     """
 
     def __init__(
         self,
         region: Region,
-        pictures: Sequence[Grey],
-        mm_per_px: float,
+        scene: TableScene,
         outlines: Sequence[tuple[FloatArray, ...]],
-        *,
-        is_backlit: bool,
     ) -> None:
-        self.region = region
-        self.mm_per_px = mm_per_px
-        self.is_backlit = is_backlit
-        self.is_lit = len(pictures) > 1 or not is_backlit
-        self._pictures = pictures
+        self.region, self.scene = region, scene
+        self.camera, self.library = scene.camera, scene.library
+        self.is_backlit = scene.is_backlit
+        self.is_lit = len(scene.pictures) > 1 or not scene.is_backlit
         self._loops_px = outlines
         self._outlines: dict[int, OutlineMeasure] = {}
+
+    @cached_property
+    def mm_per_px(self) -> float:
+        """Size of a pixel on the table at the object."""
+        x0, y0, x1, y1 = self.region.box_px
+        middle_px = np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])
+        return self.scene.mm_per_px(self.camera.on_plane(middle_px)[0, :2])
 
     @property
     def corner_px(self) -> tuple[int, int]:
@@ -54,7 +55,7 @@ class ObjectCutout:
     def crops(self) -> tuple[Grey, ...]:
         """The pictures, cut to its box."""
         x0, y0, x1, y1 = self.region.box_px
-        return tuple(np.ascontiguousarray(picture[y0:y1, x0:x1]) for picture in self._pictures)
+        return tuple(np.ascontiguousarray(picture[y0:y1, x0:x1]) for picture in self.scene.pictures)
 
     @property
     def outline(self) -> OutlineMeasure:

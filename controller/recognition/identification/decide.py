@@ -6,16 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..fitting import ModelEdgePoints
+from ..fitting import MAX_MISFIT_PX, ModelEdgePoints
 from .hypotheses import SAME_PLACE_MM, Hypothesis
 
 SAME_OUTLINE_PX = 0.6  # two predicted outlines this near each other are one in any picture
 SAME_SHARE = 0.97  # share of an outline's length that must agree; the rest is where samples end
 SHOWN_LIFT = 0.2  # difference in brightness (cosines) at an inner edge that always shows
 SHOWN_JUMP_MM = 1.5  # height of a step that always shows, by its shadow
-# Largest misfit of an outline that is still the part. Of 596 right hypotheses on path-traced
-# silhouettes one exceeded it, of near wrong ones nine in ten: a part cut short is another part.
-MAX_MISFIT_PX = 0.65
 # Score from which a part is named. Two to one, since a false name costs more than a refusal: under
 # lamps it accepts 1 of 353 strangers and refuses 19 of 391 right answers; 0.5 accepts 5 and
 # refuses 11 (ADR 8).

@@ -13,9 +13,9 @@ from itertools import islice, takewhile
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.imaging import Camera
 
 from ..fitting import (
+    FINE_REACH_MM,
     EdgeFit,
     EdgeModel,
     Evidence,
@@ -24,7 +24,8 @@ from ..fitting import (
     Shading,
     are_highlights,
     are_shaded,
-    at_rest,
+    at_rest_in,
+    closeness,
     first_edges,
     fit_edges,
     grey_evidence,
@@ -37,6 +38,7 @@ from ..fitting import (
 from ..library import Candidate, Library, place_of, pose_on_table, turn_of
 from ..partial import Cluster, predicted_shares, shares_met
 from .cutout import ObjectCutout
+from .scene import SearchLimits
 from .scores import (
     FRONT,
     SILHOUETTE,
@@ -52,61 +54,6 @@ FEW_OTHERS = 3  # candidates up to which a fit is faster than a test, whose outl
 OUTLINE_DECIDES = 15.0  # log-odds between fits of one outline that its inside cannot reverse
 
 
-@dataclass(frozen=True, slots=True)
-class SearchLimits:
-    """Limits of the search, each with its reason.
-
-    Attributes
-    ----------
-    max_coarse, max_lit : candidates fitted coarsely: to an outline, which is soon done; under
-        lamps, where lines propose others
-    least_met, least_predicted : share of its outline by which a view has to meet a backlit one,
-        and its part predicted there, to be fitted: of 47 that fit the least were 0.90 and 0.98
-    far_mm : largest offset of a view's position at which its outline is still tried
-    least_coarse : coarse score below which a backlit outline's candidate is fitted in full only
-        to say what came nearest: those of right answers had 0.87 and more
-    sure_coarse : coarse score from which a candidate is fitted in full at once
-    max_crowded : of a backlit outline that many views are like, and none of the first ones fits
-    max_fine : of the others, the best ones, if none fits perfectly
-    coarse_samples : edge samples of a coarse fit: enough to tell a turn that is off
-    fine_samples, fine_outline : of a full one; of one to an outline
-    first_reach_mm : largest offset of a candidate: its position comes from a centroid
-    after_outline_mm : largest offset under lamps once the visible outline has been fitted
-    slack_mm : less than this, by which a tall part's place may be off, is in that reach already
-    coarse_share : share of the best one's coarse score that others need for a full fit
-    overlap_gap : overlap by which a candidate may fall short of one that fits perfectly
-    perfect, perfect_px : probability from which, and misfit up to which a fit is perfect
-    shift_mm : offset round a coarse fit under lamps at which edges are tried again; 0 for none
-    tilt_rad : standard deviation of the table's tilt, and of what a chip under a part makes
-    rocking_rad, rocking_lit_rad : of a part that rests on a curve, which friction holds beside
-        its lowest place; under lamps
-    """
-
-    max_coarse: int = 14
-    max_lit: int = 9
-    max_crowded: int = 40
-    least_met: float = 0.8
-    least_predicted: float = 0.88
-    far_mm: float = 4.0
-    least_coarse: float = 0.7
-    sure_coarse: float = 0.8
-    max_fine: int = 4
-    coarse_samples: int = 300
-    fine_samples: int = 1000
-    fine_outline: int = 600
-    first_reach_mm: float = 5.0
-    after_outline_mm: float = 2.0
-    slack_mm: float = 1.5
-    coarse_share: float = 0.75
-    overlap_gap: float = 0.025
-    perfect: float = 0.9
-    perfect_px: float = 0.3
-    shift_mm: float = 1.2
-    tilt_rad: float = 0.0015
-    rocking_rad: float = 0.02
-    rocking_lit_rad: float = 0.006
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Hypothesis:
     """One hypothesis for an object, fitted to the picture.
@@ -120,7 +67,7 @@ class Hypothesis:
     probability : probability that it is right, by itself
     log_odds : up to a constant, to compare it with other hypotheses about the same object
     overlap : overlap of the silhouettes it was found by, or score of the lines
-    source : "outline" or "lines": what proposed it
+    source : what proposed it, as `Candidate` has it; "cluster" for a fit beside others
     """
 
     part: int
@@ -136,12 +83,7 @@ class Hypothesis:
 
 
 def weigh(
-    candidates: Sequence[Candidate],
-    cutout: ObjectCutout,
-    camera: Camera,
-    library: Library,
-    limits: SearchLimits,
-    source: str = "outline",
+    candidates: Sequence[Candidate], cutout: ObjectCutout, limits: SearchLimits
 ) -> list[Hypothesis]:
     """Return fitted hypotheses, best first.
 
@@ -149,30 +91,27 @@ def weigh(
     ----------
     candidates : likeliest first; equal ones are fitted once
     cutout : the object
-    camera : calibrated, in the world's frame
-    library : library of the candidates
     limits : limits of the search
-    source : "outline" or "lines": what proposed them, for the record
     """
     fine: list[Hypothesis] = []
     held: list[tuple[float, Candidate, EdgeFit]] = []
     bound, lead = -np.inf, 0.0
     most = limits.max_coarse if cutout.is_backlit else limits.max_lit
-    likely: Iterator[Candidate] = islice(_distinct_ones(candidates, library), most)
+    likely: Iterator[Candidate] = islice(_distinct_ones(candidates, cutout.library), most)
     if cutout.is_backlit:
-        likely = _that_may_fit(likely, lambda: bound, cutout, camera, library, limits)
+        likely = _that_may_fit(likely, lambda: bound, cutout, limits)
     for candidate in likely:
         if candidate.overlap < bound:
             break  # one fits perfectly, and this one's outline is another
         worth = limits.coarse_share * lead if lead >= limits.sure_coarse else 0.0
-        coarse, score = _coarse(candidate, cutout, camera, library, limits, source, worth)
+        coarse, score = _coarse(candidate, cutout, limits, worth)
         lead = max(lead, score)
         if coarse is None:
             continue
         if score < limits.sure_coarse:
             held.append((score, candidate, coarse))
             continue
-        refined = _refine(candidate, coarse, cutout, camera, library, limits, source)
+        refined = _refine(candidate, coarse, cutout, limits)
         if refined is not None:
             fine.append(refined)
             if _is_perfect(refined, limits):
@@ -185,14 +124,14 @@ def weigh(
                 break
             if cutout.is_backlit and fine and score < limits.least_coarse:
                 break  # it cannot be the answer, and another one says what came nearest
-            refined = _refine(candidate, coarse, cutout, camera, library, limits, source)
+            refined = _refine(candidate, coarse, cutout, limits)
             if refined is not None:
                 fine.append(refined)
     if not cutout.is_backlit:
-        return ranked_under_lamps(fine, library)
-    fine = without_repeats(fine, library)
+        return ranked_under_lamps(fine, cutout.library)
+    fine = without_repeats(fine, cutout.library)
     if len(fine) > 1:
-        fine = look_inside(fine, cutout, camera, library, limits)
+        fine = look_inside(fine, cutout)
     return fine
 
 
@@ -209,29 +148,20 @@ def ranked_under_lamps(hypotheses: Sequence[Hypothesis], library: Library) -> li
     return without_repeats(weighed, library)
 
 
-def look_inside(
-    fine: list[Hypothesis],
-    cutout: ObjectCutout,
-    camera: Camera,
-    library: Library,
-    limits: SearchLimits,
-) -> list[Hypothesis]:
+def look_inside(fine: list[Hypothesis], cutout: ObjectCutout) -> list[Hypothesis]:
     """Return hypotheses on a backlit outline; those it leaves open are weighed by the inside.
 
     Parameters
     ----------
     fine : best first
     cutout : the object
-    camera : calibrated, in the world's frame
-    library : library of the hypotheses
-    limits : limits of the search
     """
     open_ones = [h for h in fine if h.log_odds > fine[0].log_odds - OUTLINE_DECIDES]
     if len(open_ones) < 2:
         return fine
-    looked_at = _look_inside(open_ones, cutout, camera, library, limits)
+    looked_at = _look_inside(open_ones, cutout)
     # with and without what lies inside, log-odds have different constants
-    return [*without_repeats(looked_at, library), *fine[len(open_ones) :]]
+    return [*without_repeats(looked_at, cutout.library), *fine[len(open_ones) :]]
 
 
 def distinct(candidates: Sequence[Candidate], library: Library) -> list[Candidate]:
@@ -252,8 +182,6 @@ def _that_may_fit(
     candidates: Iterator[Candidate],
     bound: Callable[[], float],
     cutout: ObjectCutout,
-    camera: Camera,
-    library: Library,
     limits: SearchLimits,
 ) -> Iterator[Candidate]:
     """Yield the first candidate, which mostly is the right one, and the others that may fit.
@@ -264,20 +192,20 @@ def _that_may_fit(
     ----------
     candidates : by their overlap
     bound : the overlap that they need now that the first one is fitted
-    cutout, camera, library, limits : of `weigh`
+    cutout, limits : of `weigh`
     """
     yield from islice(candidates, 1)
     others = list(takewhile(lambda c: c.overlap >= bound(), candidates))
-    outline = Cluster(cutout.region, camera) if len(others) > FEW_OTHERS else None
+    outline = Cluster(cutout.region, cutout.camera) if len(others) > FEW_OTHERS else None
     if outline is None or len(outline.points_px) == 0:
         yield from others
         return
-    met = shares_met(others, outline, library, limits.first_reach_mm)
+    met = shares_met(others, outline, cutout.library, limits.first_reach_mm)
     # far from its place a tall part's view is another one
     met[[c.slack_mm > limits.far_mm for c in others]] = 1.0
     least = min(limits.least_met, float(met.max()))
     likely = [c for c, share in zip(others, met.tolist(), strict=True) if share >= least]
-    found, _ = predicted_shares(likely, outline, library, limits.first_reach_mm)
+    found, _ = predicted_shares(likely, outline, cutout.library, limits.first_reach_mm)
     least = min(limits.least_predicted, float(found.max()))
     yield from (c for c, share in zip(likely, found.tolist(), strict=True) if share >= least)
 
@@ -351,13 +279,7 @@ def _reach_px(mm: float, cutout: ObjectCutout) -> float:
 
 
 def _coarse(
-    candidate: Candidate,
-    cutout: ObjectCutout,
-    camera: Camera,
-    library: Library,
-    limits: SearchLimits,
-    source: str,
-    worth: float,
+    candidate: Candidate, cutout: ObjectCutout, limits: SearchLimits, worth: float
 ) -> tuple[EdgeFit | None, float]:
     """Return a candidate's first fit and score; a tall part is sought over a wider range.
 
@@ -367,20 +289,20 @@ def _coarse(
 
     Parameters
     ----------
-    candidate, cutout, camera, library, limits, source : of `weigh`
+    candidate, cutout, limits : of `weigh`
     worth : score that a candidate needs now that another one fits; under lamps, one that falls
         short of it gets no second try
     """
-    pose = library.entries[candidate.part].pose(candidate.pose)
-    model = library.model(candidate.part)
+    pose = cutout.library.entries[candidate.part].pose(candidate.pose)
+    model = cutout.library.model(candidate.part)
     T = pose_on_table(model, pose, candidate.x_mm, candidate.y_mm, candidate.theta_rad)
     best, best_score = None, 0.0
-    if not cutout.is_backlit and source == "outline":
-        best, best_score = _coarse_by_outline(model, T, candidate, cutout, camera, limits)
+    if not cutout.is_backlit and candidate.source == "outline":
+        best, best_score = _coarse_by_outline(T, candidate, cutout, limits)
         if best_score >= limits.sure_coarse or best_score < worth:
             return best, best_score
     reaches_mm = [limits.first_reach_mm]
-    if cutout.is_backlit and candidate.slack_mm >= limits.slack_mm:  # under lamps lines say more
+    if cutout.is_backlit and candidate.slack_mm >= limits.slack_mm:
         reaches_mm.append(limits.first_reach_mm + candidate.slack_mm)
     for reach_mm in reaches_mm:
         options = FitOptions(
@@ -388,7 +310,7 @@ def _coarse(
             steps=3,
             most=limits.coarse_samples,
         )
-        fit = fit_edges(model, T, camera, cutout.measure, options)
+        fit = fit_edges(model, T, cutout.camera, cutout.measure, options)
         score = 0.0 if fit is None else coarse_score(fit)
         if score > best_score:
             best, best_score = fit, score
@@ -398,24 +320,20 @@ def _coarse(
 
 
 def _coarse_by_outline(
-    model: EdgeModel,
-    T_world_part: FloatArray,
-    candidate: Candidate,
-    cutout: ObjectCutout,
-    camera: Camera,
-    limits: SearchLimits,
+    T_world_part: FloatArray, candidate: Candidate, cutout: ObjectCutout, limits: SearchLimits
 ) -> tuple[EdgeFit | None, float]:
     """Return the fit to a picture's edges, started from the fit to the outline.
 
     The silhouette that found it may lack dark walls: then the likeliest outline may do better.
     """
+    model = cutout.library.model(candidate.part)
     reach_px = _reach_px(limits.first_reach_mm + candidate.slack_mm, cutout)
     options = FitOptions((reach_px,), steps=3, most=limits.coarse_samples)
     start, best_score = None, 0.0
-    first = first_edges(model, T_world_part, camera, cutout.outline, options)
+    first = first_edges(model, T_world_part, cutout.camera, cutout.outline, options)
     for which in dict.fromkeys((candidate.silhouette, 0)):
         outline = cutout.outline_of(which)
-        fit = fit_edges(model, T_world_part, camera, outline, options, first)
+        fit = fit_edges(model, T_world_part, cutout.camera, outline, options, first)
         score = 0.0 if fit is None else coarse_score(fit)
         if fit is not None and score > best_score:
             start, best_score = fit.T_world_part, score
@@ -424,49 +342,38 @@ def _coarse_by_outline(
     if start is None:
         return None, 0.0
     options = replace(options, reach_px=(_reach_px(limits.after_outline_mm, cutout),))
-    fit = fit_edges(model, start, camera, cutout.measure, options)
+    fit = fit_edges(model, start, cutout.camera, cutout.measure, options)
     return fit, 0.0 if fit is None else coarse_score(fit)
 
 
 def coarse_score(fit: EdgeFit) -> float:
     """Return the share of predicted edges that are about where they should be."""
-    off = np.abs(np.nan_to_num(fit.gaps.gap_px, nan=99.0))
-    near = np.exp(-0.5 * (off / 2.0) ** 2)
     weight = fit.gaps.weight
-    return float((near * weight).sum() / max(weight.sum(), 1e-9))
+    return float((closeness(fit) * weight).sum() / max(weight.sum(), 1e-9))
 
 
 def _refine(
-    candidate: Candidate,
-    coarse: EdgeFit,
-    cutout: ObjectCutout,
-    camera: Camera,
-    library: Library,
-    limits: SearchLimits,
-    source: str,
+    candidate: Candidate, coarse: EdgeFit, cutout: ObjectCutout, limits: SearchLimits
 ) -> Hypothesis | None:
-    model = library.model(candidate.part)
-    entry = library.entries[candidate.part]
+    model = cutout.library.model(candidate.part)
+    entry = cutout.library.entries[candidate.part]
     pose = entry.pose(candidate.pose)
-    # under lamps a wall's dark foot is easily lost, and a tilt would make up for it
-    rocking = limits.rocking_rad if cutout.is_backlit else limits.rocking_lit_rad
-    tilt = rocking if pose.rocking or pose.rolling else limits.tilt_rad
     options = FitOptions(
-        reach_px=tuple(_reach_px(min(mm, limits.first_reach_mm), cutout) for mm in (1.5, 0.8)),
+        reach_px=tuple(_reach_px(min(mm, limits.first_reach_mm), cutout) for mm in FINE_REACH_MM),
         steps=3,
-        prior=at_rest(tilt),
+        prior=at_rest_in(pose, is_lit=not cutout.is_backlit),
         most=limits.fine_outline if cutout.is_backlit else limits.fine_samples,
     )
     start = coarse.T_world_part
     if not cutout.is_backlit:
-        start = _shifted(model, start, cutout, camera, limits)
-    fit = fit_edges(model, start, camera, cutout.measure, options)
+        start = _shifted(model, start, cutout, limits)
+    fit = fit_edges(model, start, cutout.camera, cutout.measure, options)
     if fit is None:
         return None
     if cutout.is_backlit:
         evidence = outline_evidence(fit, cutout.outline, cutout.mm_per_px)
     else:
-        evidence = _under_lamps(fit, model, cutout, camera)
+        evidence = _under_lamps(fit, model, cutout)
     return Hypothesis(
         part=candidate.part,
         pose=candidate.pose,
@@ -477,11 +384,11 @@ def _refine(
         probability=probability(evidence, SILHOUETTE if cutout.is_backlit else FRONT),
         log_odds=log_odds(evidence, is_lit=cutout.is_lit),
         overlap=candidate.overlap,
-        source=source,
+        source=candidate.source,
     )
 
 
-def _under_lamps(fit: EdgeFit, model: EdgeModel, cutout: ObjectCutout, camera: Camera) -> Evidence:
+def _under_lamps(fit: EdgeFit, model: EdgeModel, cutout: ObjectCutout) -> Evidence:
     """Return the evidence of all lamps' pictures for a fit."""
     return grey_evidence(
         fit.edges,
@@ -489,35 +396,29 @@ def _under_lamps(fit: EdgeFit, model: EdgeModel, cutout: ObjectCutout, camera: C
         cutout.mm_per_px,
         cutout.greys,
         cutout.image_edges[0],
-        Shading.of_all(_shadings(fit, model, cutout, camera)),
-        partial(are_highlights, model, fit.T_world_part, camera),
-        partial(are_shaded, model, fit.T_world_part, camera),
+        Shading.of_all(_shadings(fit, model, cutout)),
+        partial(are_highlights, model, fit.T_world_part, cutout.camera),
+        partial(are_shaded, model, fit.T_world_part, cutout.camera),
         by_lamp=True,
     )
 
 
-def judged_within(
-    hypotheses: Sequence[Hypothesis], cutout: ObjectCutout, camera: Camera, library: Library
-) -> list[Hypothesis]:
+def judged_within(hypotheses: Sequence[Hypothesis], cutout: ObjectCutout) -> list[Hypothesis]:
     """Return fitted hypotheses on a thing under lamps, judged in another cutout of it.
 
     Parameters
     ----------
     hypotheses : hypotheses of the thing; their fits stay as they are
     cutout : cutout of the same pictures, of which it says what belongs to the thing
-    camera : calibrated, in the world's frame
-    library : library of the hypotheses
     """
     judged = []
     for h in hypotheses:
-        evidence = _under_lamps(h.fit, library.model(h.part), cutout, camera)
+        evidence = _under_lamps(h.fit, cutout.library.model(h.part), cutout)
         judged.append(replace(h, evidence=evidence, probability=probability(evidence, FRONT)))
-    return ranked_under_lamps(judged, library)
+    return ranked_under_lamps(judged, cutout.library)
 
 
-def alone_in(
-    h: Hypothesis, about: ImageEdges, cutout: ObjectCutout, camera: Camera, library: Library
-) -> Hypothesis:
+def alone_in(h: Hypothesis, about: ImageEdges, cutout: ObjectCutout) -> Hypothesis:
     """Return a hypothesis with the longest edge nearby that it does not explain.
 
     Parameters
@@ -525,46 +426,39 @@ def alone_in(
     h : under lamps, judged by the thing alone
     about : strong edges round the thing
     cutout : cutout of the thing
-    camera : calibrated, in the world's frame
-    library : library of the hypothesis
     """
-    shade = partial(are_shaded, library.model(h.part), h.fit.T_world_part, camera)
+    shade = partial(are_shaded, cutout.library.model(h.part), h.fit.T_world_part, cutout.camera)
     mm = longest_alone_mm(about, h.fit.edges, cutout.mm_per_px, cutout.greys[0], shade)
     longest_mm = max(mm, h.evidence.unexplained_mm)
     return replace(h, evidence=replace(h.evidence, unexplained_mm=longest_mm))
 
 
 def _shifted(
-    model: EdgeModel, T: FloatArray, cutout: ObjectCutout, camera: Camera, limits: SearchLimits
+    model: EdgeModel, T: FloatArray, cutout: ObjectCutout, limits: SearchLimits
 ) -> FloatArray:
     """Return a pose moved over the table to where its edges meet the most contrast."""
     if limits.shift_mm == 0:
         return T
-    edges = predict_edges(model, T, camera, limits.coarse_samples)
+    edges = predict_edges(model, T, cutout.camera, limits.coarse_samples)
     if len(edges.pixels) == 0:
         return T
     reach = int(np.clip(np.ceil(limits.shift_mm / cutout.mm_per_px), 2, 6))
     shift = cutout.greys[0].best_shift(edges, reach)
     middle = edges.pixels.mean(axis=0)
-    ground = camera.on_plane(np.array([middle, middle + shift]))
+    ground = cutout.camera.on_plane(np.array([middle, middle + shift]))
     out = T.copy()
     out[:2, 3] += ground[1, :2] - ground[0, :2]
     return out
 
 
-def _look_inside(
-    hypotheses: Sequence[Hypothesis],
-    cutout: ObjectCutout,
-    camera: Camera,
-    library: Library,
-    limits: SearchLimits,
-) -> list[Hypothesis]:
+def _look_inside(hypotheses: Sequence[Hypothesis], cutout: ObjectCutout) -> list[Hypothesis]:
     """Return hypotheses on one outline with the evidence of the grey levels inside."""
     evidences = []
     for h in hypotheses:
-        model = library.model(h.part)
-        edges = predict_edges(model, h.fit.T_world_part, camera, limits.fine_samples)
-        shadings = _shadings(h.fit, model, cutout, camera)
+        model = cutout.library.model(h.part)
+        most = cutout.scene.search.fine_samples
+        edges = predict_edges(model, h.fit.T_world_part, cutout.camera, most)
+        shadings = _shadings(h.fit, model, cutout)
         shown = list(zip(cutout.image_edges, shadings, strict=True))
         evidences.append(with_inside(h.evidence, edges, cutout.mm_per_px, cutout.greys, shown))
     return [
@@ -575,9 +469,7 @@ def _look_inside(
     ]
 
 
-def _shadings(
-    fit: EdgeFit, model: EdgeModel, cutout: ObjectCutout, camera: Camera
-) -> tuple[Shading, ...]:
+def _shadings(fit: EdgeFit, model: EdgeModel, cutout: ObjectCutout) -> tuple[Shading, ...]:
     return shading_fits(
-        model, fit.T_world_part, camera, cutout.telling, cutout.corner_px, cutout.inside
+        model, fit.T_world_part, cutout.camera, cutout.telling, cutout.corner_px, cutout.inside
     )

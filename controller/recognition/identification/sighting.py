@@ -6,9 +6,11 @@ import numpy as np
 
 from controller.arrays import FloatArray
 
-from ..library import Candidate, Library, place_of
+from ..library import Candidate, Library, LibraryPart, place_of
 from ..segmentation import Region, Segmentation
+from .decide import Decision, has_other_inside
 from .hypotheses import Hypothesis
+from .scene import TableScene
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,3 +148,105 @@ class Recognition:
     sightings: tuple[Sighting, ...]
     traces: tuple[Trace, ...]
     segmentation: Segmentation
+
+
+Seen = tuple[Sighting, Trace]
+
+
+def known(
+    decision: Decision, best: Hypothesis, region: Region, area_mm2: float, library: Library
+) -> Sighting:
+    """Return the sighting of the part that was decided for.
+
+    Parameters
+    ----------
+    decision, best : decision on the thing, and its best hypothesis
+    region : as it was cut out
+    area_mm2 : its area on the table
+    library : library of the hypotheses
+    """
+    entry = library.entries[best.part]
+    return Sighting(
+        part=entry.name,
+        pose_index=best.pose,
+        R=entry.pose(best.pose).R,
+        x_mm=float(best.place_mm[0]),
+        y_mm=float(best.place_mm[1]),
+        theta_rad=best.theta_rad,
+        T_world_part=best.fit.T_world_part,
+        score=decision.score,
+        covariance=_covariance(best, entry),
+        ambiguous_with=tuple(
+            Alternative(library.entries[h.part].name, h.pose, h.theta_rad, h.fit.T_world_part)
+            for h in decision.rivals
+        ),
+        area_mm2=area_mm2,
+        box_px=region.box_px,
+        residual_px=best.fit.sigma_px,
+    )
+
+
+def _covariance(best: Hypothesis, entry: LibraryPart) -> FloatArray:
+    """Return the fit's covariance; the turn of a round part, by its mesh alone, is unknown."""
+    covariance = best.fit.covariance.copy()
+    if len(entry.turns_of(best.pose)) == 0:
+        covariance[2, :], covariance[:, 2] = 0.0, 0.0
+        covariance[2, 2] = np.pi**2 / 3  # any turn is as likely
+    return covariance
+
+
+def unknown(
+    region: Region, scene: TableScene, area_mm2: float, score: float, reason: str
+) -> Sighting:
+    """Return the sighting of an object that is none of the parts.
+
+    Parameters
+    ----------
+    region : as it was cut out
+    scene : its picture's camera
+    area_mm2 : its area on the table
+    score : probability that it is none of them
+    reason : why it is unknown, in words
+    """
+    x0, y0, x1, y1 = region.box_px
+    v, u = np.nonzero(region.mask)
+    centre = (
+        np.array([[x0 + u.mean(), y0 + v.mean()]])
+        if len(u)
+        else np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])
+    )
+    ground = scene.camera.on_plane(centre)[0]
+    return Sighting(
+        part=None,
+        pose_index=-1,
+        R=None,
+        x_mm=float(ground[0]),
+        y_mm=float(ground[1]),
+        theta_rad=0.0,
+        T_world_part=None,
+        score=score,
+        covariance=None,
+        ambiguous_with=(),
+        area_mm2=area_mm2,
+        box_px=region.box_px,
+        residual_px=float("inf"),
+        reason=reason,
+    )
+
+
+def why_not(decision: Decision, library: Library) -> str:
+    """Return the reason of a refusal: what came nearest, and what speaks against it."""
+    h = decision.nearest
+    if h is None:
+        return "none of the known parts has a silhouette of this size and shape"
+    name = library.entries[h.part].name
+    if has_other_inside(h):
+        return (
+            f"none of the known parts: nearest is {name}, but an edge of "
+            f"{h.evidence.unexplained_mm:.0f} mm is seen where it has none"
+        )
+    return (
+        f"none of the known parts: nearest is {name}, of whose edges "
+        f"{100 * h.evidence.outline:.0f} % are in the picture and which explains "
+        f"{100 * h.evidence.explained:.0f} % of what is seen"
+    )

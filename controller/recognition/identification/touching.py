@@ -4,22 +4,21 @@ Silhouettes of whole parts do not help here. The cluster is explained by several
 part; the alternatives for a place are decided as for a whole silhouette, by its free outline.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, Grey
-from controller.imaging import Camera
+from controller.arrays import BoolArray
 
 from ..fitting import Evidence, outline_evidence
-from ..library import Library, place_of, turn_of
+from ..library import place_of, turn_of
 from ..partial import CELL_PX, Cluster, PartialFit, PartPlace, explain_cluster
 from ..segmentation import Region
 from .cutout import ObjectCutout
 from .decide import Decision, decide
-from .hypotheses import Hypothesis, SearchLimits, look_inside, without_repeats
+from .hypotheses import Hypothesis, look_inside, without_repeats
+from .scene import TableScene
 from .scores import SILHOUETTE, log_odds, probability
 
 # Position uncertainty allowed; a bar without a visible end may lie anywhere along.
@@ -48,56 +47,35 @@ class PartialSighting:
     is_covered: bool = False
 
 
-def parts_of(
-    region: Region,
-    pictures: Sequence[Grey],
-    camera: Camera,
-    library: Library,
-    usable: BoolArray | None,
-    least_px: float,
-    limits: SearchLimits,
-) -> tuple[PartialSighting, ...]:
+def parts_of(region: Region, scene: TableScene) -> tuple[PartialSighting, ...]:
     """Return the parts of a backlit cluster, and the rest; nothing if none is sure.
 
     Parameters
     ----------
     region : the cluster
-    pictures : pictures of the scene, the backlit one last
-    camera : overhead, calibrated
-    library : library of the possible parts
-    usable : (height, width) mask of the area for parts; None for everywhere
-    least_px : smallest remaining object [px of the picture]
-    limits : limits of the search
+    scene : its pictures, and the parts that may be there
     """
-    cluster = Cluster(region, camera, usable)
-    explained = explain_cluster(cluster, library)
+    cluster = Cluster(region, scene.camera, scene.usable)
+    explained = explain_cluster(cluster, scene.library)
     found: list[PartialSighting] = []
     left = explained.left
     for place in explained.places:
         own = _own_region(place.fits[0], cluster)
-        hypotheses = _hypotheses(place, own, pictures, camera, library, limits)
+        hypotheses = _hypotheses(place, own, scene)
         decision = decide(hypotheses, is_backlit=True)
-        if decision.best is None or not _is_certain(decision.best, library):
+        if decision.best is None or not _is_certain(decision.best):
             left = left | (within(own, region) & region.mask)
             continue
         best = next(fit for fit in place.fits if _is_of(decision.best, fit))
         found.append(PartialSighting(own, decision, tuple(hypotheses), best.free_share))
     if not found:
         return ()
-    return (*found, *_what_is_left(left, region, least_px))
+    return (*found, *_what_is_left(left, region, scene.least_px))
 
 
-def _hypotheses(
-    place: PartPlace,
-    own: Region,
-    pictures: Sequence[Grey],
-    camera: Camera,
-    library: Library,
-    limits: SearchLimits,
-) -> list[Hypothesis]:
-    middle = place.fits[0].fit.T_world_part[:2, 3]
-    mm = camera.mm_per_px(np.array([*middle, 0.0]))
-    cutout = ObjectCutout(own, pictures, mm, [own.loops_px], is_backlit=True)
+def _hypotheses(place: PartPlace, own: Region, scene: TableScene) -> list[Hypothesis]:
+    mm = scene.mm_per_px(place.fits[0].fit.T_world_part[:2, 3])
+    cutout, library = ObjectCutout(own, scene, [own.loops_px]), scene.library
     found = []
     for fit, share in zip(place.fits, place.explained, strict=True):
         c, entry = fit.candidate, library.entries[fit.candidate.part]
@@ -116,7 +94,7 @@ def _hypotheses(
                 source="stretches",
             )
         )
-    return look_inside(without_repeats(found, library), cutout, camera, library, limits)
+    return look_inside(without_repeats(found, library), cutout)
 
 
 def _evidence(fit: PartialFit, explained: float, mm_per_px: float) -> Evidence:
@@ -124,7 +102,7 @@ def _evidence(fit: PartialFit, explained: float, mm_per_px: float) -> Evidence:
     return replace(known, outline=fit.agreement, explained=explained, misfit_px=fit.misfit_px)
 
 
-def _is_certain(best: Hypothesis, library: Library) -> bool:
+def _is_certain(best: Hypothesis) -> bool:
     """Return True if the uncovered edges of a part fix its position."""
     spread = best.fit.covariance
     return bool(np.sqrt(max(spread[0, 0], spread[1, 1])) < MAX_SIGMA_MM)

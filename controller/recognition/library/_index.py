@@ -47,18 +47,19 @@ class Silhouette:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A view that may explain an observed silhouette.
+    """A part in a stable pose somewhere, as one of the proposers has it.
 
     Attributes
     ----------
     part, pose : indices
     theta_rad : turn about z
     x_mm, y_mm : position of the centre of mass
-    overlap : cosine of the two silhouettes, 0..1
+    overlap : cosine of the two silhouettes, 0..1; of other proposers, their score
     distance : in the index
     slack_mm : allowance for the offset of its position from the one that the view was made for
-    silhouette : number of the object's silhouette by which it was found, if there are several
+    silhouette : number of the object's silhouette, or piece, by which it was found
     view : number of the view in the index; -1 if it was not found by one
+    source : what proposed it: "outline", "stretches" of it, or "edges"
     """
 
     part: int
@@ -71,6 +72,7 @@ class Candidate:
     slack_mm: float = 0.0
     silhouette: int = 0
     view: int = -1
+    source: str = "outline"
 
     @property
     def place_mm(self) -> FloatArray:

@@ -11,14 +11,14 @@ from functools import cached_property
 
 import numpy as np
 
-from controller.arrays import FloatArray
+from controller.arrays import Float32Array, FloatArray
 from controller.cad import CadError, PartSymmetry, Solid, StablePose, camera_view, prepare_views
 from controller.cad.compiled import CompiledPart
 from controller.imaging import Camera, RayCaster
 
 from ..binary import StretchIndex, stretch_index
 from ..fitting import EdgeModel, EdgeShape, edge_model, edge_shape
-from ..grey import FeatureIndex, ModelFeatures, feature_index, model_features
+from ..grey import EdgeletIndex, edgelet_index, view_edgelets
 from ._index import ViewIndex
 from ._views import CameraPlace, PartViews, pose_on_table, shadow_camera, view_part
 
@@ -40,8 +40,7 @@ class LibraryPart:
     centroid_mm : (3,) centre of mass, CAD frame
     extent_mm : its longest side
     views : views of these poses
-    features : lines, corners and circles each of these poses shows, at turn 0 straight below the
-        camera
+    edgelets : `view_edgelets` of each of these poses, at turn 0 straight below the camera
     """
 
     name: str
@@ -50,7 +49,7 @@ class LibraryPart:
     centroid_mm: FloatArray
     extent_mm: float
     views: PartViews
-    features: tuple[ModelFeatures, ...]
+    edgelets: tuple[Float32Array, ...]
 
     def pose(self, index: int) -> StablePose:
         """Return the pose of an index."""
@@ -93,13 +92,13 @@ class Library:
         return stretch_index(self.index.outer_mm)
 
     @cached_property
-    def grey_index(self) -> FeatureIndex:
-        """Features of all poses of all parts, in the order of ``grey_views``."""
-        return feature_index([f for entry in self.entries for f in entry.features])
+    def edgelets(self) -> EdgeletIndex:
+        """Edgelets of all poses of all parts, in the order of ``edgelet_views``."""
+        return edgelet_index([view for entry in self.entries for view in entry.edgelets])
 
     @cached_property
-    def grey_views(self) -> tuple[tuple[int, int], ...]:
-        """Part and pose of each view of ``grey_index``."""
+    def edgelet_views(self) -> tuple[tuple[int, int], ...]:
+        """Part and pose of each view of ``edgelets``."""
         return tuple(
             (number, pose.index)
             for number, entry in enumerate(self.entries)
@@ -107,9 +106,9 @@ class Library:
         )
 
     @cached_property
-    def grey_turns_rad(self) -> FloatArray:
-        """Smallest turn of each of ``grey_views`` that leaves it unchanged; 0 if any turn does."""
-        turns = [self.entries[part].turns_of(pose) for part, pose in self.grey_views]
+    def edgelet_turns_rad(self) -> FloatArray:
+        """Smallest turn of each of ``edgelet_views`` that leaves it as it is; 0 if any does."""
+        turns = [self.entries[part].turns_of(pose) for part, pose in self.edgelet_views]
         return np.array([2 * np.pi / len(kept) if len(kept) else 0.0 for kept in turns])
 
     def model(self, part: int) -> EdgeModel:
@@ -158,17 +157,17 @@ def make_entry(
         raise CadError(f"{error}; use another camera or a smaller part") from error
     turns = tuple(turns_that_keep(pose.R, part.symmetry) for pose in poses)
     centroid = np.asarray(part.solid.centroid_mm, dtype=np.float64)
-    features = tuple(_features(part.solid, pose, station) for pose in poses)
+    edgelets = tuple(_edgelets(part.solid, pose, station) for pose in poses)
     extent = float(part.solid.mesh.extents.max())
-    return LibraryPart(part.solid.name, poses, turns, centroid, extent, views, features), shape
+    return LibraryPart(part.solid.name, poses, turns, centroid, extent, views, edgelets), shape
 
 
-def _features(solid: Solid, pose: StablePose, station: CameraPlace) -> ModelFeatures:
-    """Return the features of a pose straight below the camera, in mm on the table."""
+def _edgelets(solid: Solid, pose: StablePose, station: CameraPlace) -> Float32Array:
+    """Return the edgelets of a pose straight below the camera, in mm on the table."""
     eye = station.eye_mm
     above = shadow_camera(np.array([0.0, 0.0, eye]))
     T = pose_on_table(solid, pose, 0.0, 0.0, 0.0)
-    return model_features(camera_view(solid, T, above, prepared=prepare_views(solid)), T, eye)
+    return view_edgelets(camera_view(solid, T, above, prepared=prepare_views(solid)), T, eye)
 
 
 def _distinct_poses(poses: Sequence[StablePose], least: float) -> tuple[StablePose, ...]:

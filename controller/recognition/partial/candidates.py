@@ -195,6 +195,7 @@ def _best(
             0.0,
             float(apart[k] * index.lean[poses.view[k]]),
             view=int(poses.view[k]),
+            source="stretches",
         )
         for k in kept
     ]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from controller.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from controller.imaging import Camera, Contour, signed_area
 
-from ..binary import BinaryTolerances, NoOutlineError, outline_corners
+from ..binary import CornerTolerances, NoOutlineError, outline_corners
 from ..fitting import OutlineMeasure
 from ..segmentation import Region
 
@@ -91,9 +91,9 @@ class Cluster:
     def meetings_px(self) -> FloatArray:
         """Corners (n, 2) at which the outline turns inwards: there parts may meet."""
         scale = self.camera.mm_per_px(np.zeros(3))
-        usual = BinaryTolerances.for_pixels(scale)
+        usual = CornerTolerances.for_pixels(scale)
         # blur rounds narrow notches, and next to a corner that juts out long chords see neither
-        short = replace(usual, corner_box_mm=0.5 * usual.corner_box_mm, corner_sharpness=0.5)
+        short = replace(usual, chord_mm=0.5 * usual.chord_mm, sharpness=0.5)
         found = [np.zeros((0, 2))]
         for k, loop in enumerate(self.loops_mm):
             for limits in (usual, short):

@@ -19,20 +19,21 @@ from controller.arrays import BoolArray, FloatArray
 from controller.imaging import inverse_pose, transform
 
 from ..fitting import (
+    FAR_PX,
+    NEAR_PX,
     EdgeFit,
     EdgeModel,
     FitOptions,
     Gaps,
     ModelEdgePoints,
-    at_rest,
+    at_rest_in,
+    closeness,
     fit_edges,
     is_predicted,
 )
 from ..library import Candidate, Library, pose_on_table
 from .cluster import CELL_PX, Cluster
 
-NEAR_PX = 1.3  # an edge this near its prediction is where it should be
-FAR_PX = 2.5
 COVERED_PX = 2.0  # distance outside an outline where the cluster goes on if something covers it
 # distance from the end of a covered stretch: a narrow wedge of light fills up with blur
 MEETING_MM = 5.0
@@ -172,9 +173,7 @@ class PartialFit:
         return np.isfinite(self.depths[0])
 
 
-def fit_partial(
-    candidate: Candidate, cluster: Cluster, library: Library, tilt_rad: float
-) -> PartialFit | None:
+def fit_partial(candidate: Candidate, cluster: Cluster, library: Library) -> PartialFit | None:
     """Return a candidate fitted to a cluster; None where its uncovered edges do not agree.
 
     Parameters
@@ -182,7 +181,6 @@ def fit_partial(
     candidate : candidate at about the right pose
     cluster : cluster as seen
     library : library of the candidate
-    tilt_rad : standard deviation of the table's tilt
     """
     model = library.model(candidate.part)
     pose = library.entries[candidate.part].pose(candidate.pose)
@@ -194,7 +192,10 @@ def fit_partial(
     if fit is None or _nearness(fit, cluster) < COARSE_SHARE:
         return None
     fine = FitOptions(
-        reach_px=(1.5 / mm_per_px, 0.8 / mm_per_px), steps=3, prior=at_rest(tilt_rad), most=SAMPLES
+        reach_px=(1.5 / mm_per_px, 0.8 / mm_per_px),
+        steps=3,
+        prior=at_rest_in(pose, is_lit=False),
+        most=SAMPLES,
     )
     fit = fit_edges(model, fit.T_world_part, cluster.camera, cluster.measure, fine)
     if fit is None:
@@ -214,10 +215,9 @@ def _covered(edges: ModelEdgePoints, cluster: Cluster) -> tuple[BoolArray, BoolA
 
 def _nearness(fit: EdgeFit, cluster: Cluster) -> float:
     """Return the share of free predicted edges found about in place."""
-    off = np.abs(np.nan_to_num(fit.gaps.gap_px, nan=99.0))
-    near = np.exp(-0.5 * (off / 2.0) ** 2)
+    near = closeness(fit)
     covered, beyond = _covered(fit.edges, cluster)
-    free = ~(covered | beyond) | (off < FAR_PX)
+    free = ~(covered | beyond) | (np.abs(fit.gaps.gap_px) < FAR_PX)
     return float(near[free].mean()) if free.mean() > 0.2 else 0.0
 
 

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray
 
+from ..fitting import MAX_MISFIT_PX
 from ..library import Candidate, Library
 from .candidates import propose_partial
 from .cluster import CELL_PX, Cluster
@@ -42,7 +43,6 @@ class PartialLimits:
     least_met, least_agreeing : share of an outline that has to be found as it is moved in the table
         plane, before it is fitted, and the same of what is free of it. With the two shares above
         no less than 0.58 can be found; 81 parts that were named had 0.61 and 0.93 at least
-    tilt_rad, rocking_rad : as the search for whole outlines has them
     most_fits : places that are weighed against each other
     give_up : number of candidates in a row that do not agree after which the search ends, likelier
         ones first
@@ -51,11 +51,9 @@ class PartialLimits:
 
     least_free: float = 0.65
     agreement: float = 0.9
-    misfit_px: float = 0.65
+    misfit_px: float = MAX_MISFIT_PX
     least_met: float = 0.5
     least_agreeing: float = 0.8
-    tilt_rad: float = 0.0015
-    rocking_rad: float = 0.02
     most_fits: int = 16
     give_up: int = 24
     max_rounds: int = 4
@@ -143,9 +141,7 @@ def _fitted(
             failed += 1
             if not may:
                 continue
-            pose = library.entries[candidate.part].pose(candidate.pose)
-            tilt = limits.rocking_rad if pose.rocking or pose.rolling else limits.tilt_rad
-            fit = fit_partial(candidate, cluster, library, tilt)
+            fit = fit_partial(candidate, cluster, library)
             if (
                 fit is not None
                 and fit.free_share >= limits.least_free

@@ -15,6 +15,7 @@ from controller.arrays import BoolArray, FloatArray, Grey, IntArray
 from controller.imaging import Camera, inverse_pose, render_maps, transform
 
 from ...fitting import (
+    NEAR_PX,
     EdgeFit,
     EdgeModel,
     Evidence,
@@ -30,6 +31,7 @@ from ...fitting import (
     shown_edges,
 )
 from ...library import Candidate
+from ...partial import BURIED_CELLS, BURIED_MM, BURIED_SHARE, CELL_PX, GOES_ON_MM
 from ..scores import FRONT, beyond_chance, probability
 
 HIDDEN_MM = 0.4  # distance by which something nearer the eye hides an edge
@@ -37,14 +39,8 @@ BESIDE_PX = 1  # outside its mask strong edges still are the part's
 RIM_PX = 2  # width of the rim whose grey levels blur with what lies beside it
 # Distance outside an outline where another part replaces its border with the table.
 OUTSIDE_PX = 2.5
-STRIDE_PX = 3  # distance between the lines of sight by which parts are compared
-GOES_ON_MM = 8.0  # depth below the table from which lines of sight are traced back
-BURIED_MM = 1.5  # overlap along a line of sight from which two parts are in one place
-BURIED_SHARE = 0.02  # least share of the smaller part
-BURIED_CELLS = 6
 # positions on a shared stretch of a line of sight where both parts are tested
 PROBED = (0.2, 0.5, 0.8)
-NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 NEXT_PX = 12.0  # distance between two shadows beyond which one part does not affect the other
 WITHIN_PX = 2.0  # distance inside an outline where the surface beside it is probed
 ENDS = 0.7  # least share of the visible outline across curved surfaces, from twelve right fits
@@ -167,7 +163,7 @@ class LitFit:
     def is_above(self, other: "LitFit") -> bool:
         """Return True if it lies in front of another part by more than chance."""
         nearer = other.shadow & (self.depth_mm < other.depth_mm - HIDDEN_MM)
-        return int(nearer.sum()) > BURIED_CELLS * STRIDE_PX**2
+        return int(nearer.sum()) > BURIED_CELLS * CELL_PX**2
 
     def is_hidden(self, others: Sequence["LitFit"]) -> BoolArray:
         """Return a mask (n,) of its edges behind other parts."""
@@ -304,12 +300,12 @@ class LitFit:
 
     @cached_property
     def leave_mm(self) -> FloatArray:
-        """Depth (h, w) of every `STRIDE_PX`-th pixel where lines of sight leave it; nan beside."""
+        """Depth (h, w) of every `CELL_PX`-th pixel where lines of sight leave it; nan beside."""
         cluster = self.cluster
-        enter = self.depth_mm[::STRIDE_PX, ::STRIDE_PX]
+        enter = self.depth_mm[::CELL_PX, ::CELL_PX]
         out = np.full(enter.shape, np.nan)
         y, x = np.nonzero(np.isfinite(enter))
-        pixels = STRIDE_PX * np.column_stack([x, y]).astype(np.float64) + cluster.box_px[:2]
+        pixels = CELL_PX * np.column_stack([x, y]).astype(np.float64) + cluster.box_px[:2]
         lines = cluster.camera.sight_lines(pixels)
         eye = cluster.camera.position_mm
         T = inverse_pose(self.fit.T_world_part)
@@ -349,7 +345,7 @@ def _meet(a: tuple[int, ...], b: tuple[int, ...], reach_px: float) -> bool:
 
 def are_in_one_place(a: LitFit, b: LitFit) -> bool:
     """Return True if two parts overlap in space."""
-    enter_a, enter_b = (one.depth_mm[::STRIDE_PX, ::STRIDE_PX] for one in (a, b))
+    enter_a, enter_b = (one.depth_mm[::CELL_PX, ::CELL_PX] for one in (a, b))
     with np.errstate(invalid="ignore"):
         first, last = np.maximum(enter_a, enter_b), np.minimum(a.leave_mm, b.leave_mm)
         at = np.flatnonzero((last - first).ravel() > BURIED_MM)
@@ -359,7 +355,7 @@ def are_in_one_place(a: LitFit, b: LitFit) -> bool:
         return False
     # between where a line enters a part and leaves it there may be hollows
     y, x = np.divmod(at, enter_a.shape[1])
-    pixels = STRIDE_PX * np.column_stack([x, y]).astype(np.float64) + a.cluster.box_px[:2]
+    pixels = CELL_PX * np.column_stack([x, y]).astype(np.float64) + a.cluster.box_px[:2]
     camera = a.cluster.camera
     lines = camera.sight_lines(pixels)
     first, shared = first.ravel()[at], (last - first).ravel()[at]

@@ -10,19 +10,19 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, Grey
-from controller.imaging import Camera
+from controller.arrays import BoolArray
 
 from ...fitting import ImageEdges, is_predicted
-from ...library import Library
+from ...library import Candidate, Library
 from ...partial import are_one_place
 from ...segmentation import Region
 from ..decide import Decision
-from ..hypotheses import Hypothesis, SearchLimits
+from ..hypotheses import Hypothesis
+from ..scene import TableScene
 from ..touching import PartialSighting, connected, cut_out, within
 from .choice import ClusterPlace, chosen
 from .fits import LitFit
-from .search import SAME_SHADOW, ClusterSearch, Proposed
+from .search import SAME_SHADOW, ClusterSearch
 
 MAX_ROUNDS = 3
 SAME_OUTLINE = 0.97  # overlap of two silhouettes from which one proposes the other's hypotheses
@@ -44,30 +44,17 @@ RARE = 0.02  # share of dropped parts below which a stable pose needs more evide
 
 
 def parts_of_lit(
-    region: Region,
-    pictures: Sequence[Grey],
-    camera: Camera,
-    library: Library,
-    usable: BoolArray | None,
-    least_px: float,
-    limits: SearchLimits,
-    known: Sequence[Hypothesis] = (),
+    region: Region, scene: TableScene, known: Sequence[Hypothesis] = ()
 ) -> tuple[PartialSighting, ...]:
     """Return the parts of a cluster under lamps, and the rest; nothing if none is sure.
 
     Parameters
     ----------
     region : the cluster
-    pictures : pictures of the scene, under lamps; of several the first is the brightest of the
-        others
-    camera : overhead, calibrated
-    library : library of the possible parts
-    usable : (height, width) mask of the area for parts; None for everywhere
-    least_px : smallest remaining object [px of the picture]
-    limits : limits of the search
+    scene : its pictures under lamps, and the parts that may be there
     known : parts of it that lie flat on the table, as a look before a light table names them
     """
-    search = ClusterSearch(region, pictures, camera, library, usable, limits)
+    search, library, least_px = ClusterSearch(region, scene), scene.library, scene.least_px
     proposed = search.proposed(outlines_of(search.region, least_px), is_first=True)
     named = search.fitted(known)
     fits = search.with_flat(named, proposed)
@@ -103,16 +90,16 @@ def _with(places: Sequence[ClusterPlace], named: Sequence[LitFit]) -> list[LitFi
     return there + [f for f in named if not any(are_one_place(f, o, SAME_SHADOW) for o in there)]
 
 
-def _looking_like(places: Sequence[ClusterPlace], search: ClusterSearch) -> list[Proposed]:
+def _looking_like(places: Sequence[ClusterPlace], search: ClusterSearch) -> list[Candidate]:
     """Return other parts with about the same outline as those placed so far.
 
     Of parts that differ only inside their outline, one may have been proposed and the other not.
     """
-    found: list[Proposed] = []
+    found: list[Candidate] = []
     for fit in (place.fit for place in places if not place.fit.leans):
         own = fit.candidate.part, fit.candidate.pose
         piece = _with_loops(cut_out(fit.shadow, search.region, False))
-        found += [one for one in search.like(piece) if (one[0].part, one[0].pose) != own]
+        found += [one for one in search.like(piece) if (one.part, one.pose) != own]
     return found
 
 

@@ -1,6 +1,6 @@
 """Search for the parts of a cluster under lamps: poses proposed, fitted, weighed one by one.
 
-Stretches of outlines and inner lines propose parts as if they lay flat on the table. A part that
+Stretches of outlines and edges propose parts as if they lay flat on the table. A part that
 lies on another leans: one side of it on the table, the other on its neighbour. Such poses are
 fitted with any tilt, from those that lie flat.
 """
@@ -12,56 +12,54 @@ from itertools import zip_longest
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, Grey
+from controller.arrays import BoolArray, FloatArray
 from controller.imaging import Camera, transform
 
 from ...fitting import (
+    FINE_REACH_MM,
     EdgeFit,
     EdgeModel,
     FitOptions,
     Prior,
-    at_rest,
+    at_rest_in,
     first_edges,
     fit_edges,
 )
 from ...library import (
     Candidate,
-    Library,
-    Silhouette,
     place_of,
-    polar_grid,
     pose_on_table,
     turn_of,
 )
 from ...partial import Cluster, are_one_place, propose_partial
 from ...segmentation import Region
+from ..by_edges import by_edges
 from ..decide import CONVINCING, CONVINCING_PX
 from ..hypotheses import (
     SAME_PLACE_MM,
     Hypothesis,
-    SearchLimits,
     coarse_score,
     is_same_turn,
     is_tried,
 )
-from ..lines import by_lines
+from ..lone import FAR_FRONT, silhouette_of
+from ..scene import TableScene
 from ..scores import FRONT, log_odds, probability
+from ..touching import within
 from .fits import LitCluster, LitFit, are_in_one_place
 
 MARGIN_PX = 40  # margin of the crop round a cluster, whose shaded sides are often left out of it
-MAX_BY_LINES, MAX_BY_OUTLINE, MAX_BY_STRETCHES = 30, 20, 160
+MAX_BY_OUTLINE, MAX_BY_STRETCHES = 20, 160
 PER_PLACE = 3  # turns of a gear in one place, before those of others are tried
+SWEPT_MM = 5.0  # offset of a piece's ends that a sweep of its edges covers
 MAX_LIKE = 8  # similar parts tried for one that is named
 ALIKE = 0.85  # overlap of silhouettes from which two parts are similar
-FAR = 1.5  # distance in the index of silhouettes, as for a whole thing under lamps
-GIVE_UP = 60  # failed candidates in a row, proposed by lines, after which the search ends
-GIVE_UP_PIECE = 30  # failed candidates in a row, proposed by one piece's outline, likewise
+GIVE_UP = 30  # failed candidates of one piece in a row after which others of its kind are not tried
 MAX_FINE = 40
 COARSE_SHARE, GOOD_SHARE = 0.45, 0.6  # of a candidate's edges that are about where they should be
 MIN_PROBABILITY = 0.05  # own probability from which a pose is weighed against others
-NEAR_MM, FAR_MM = 2.0, 5.0  # how far off a candidate may lie
+NEAR_MM = 2.0  # how far off a candidate is sought at first
 LEANS_FAR_MM = (6.0, 3.0)  # the same for one that leans, round by round
-COARSE_SAMPLES, SAMPLES = 300, 1000
 IN_REGION = 0.35  # share of a part's shadow on the piece that was cut out
 LEANS = Prior((np.inf, np.inf, 6.0), (0.15, 0.15, np.inf))  # priors of each round of a fit
 # prior of a part whose lowest point is on the table
@@ -75,8 +73,6 @@ TILTED = 0.3  # own probability of a flat pose from which it is also tried tilte
 MAX_LEANING = 30
 SAME_SHADOW = 0.5  # overlap of two shadows from which two fits are of one thing
 
-Proposed = tuple[Candidate, str]  # and what proposed it
-
 
 class ClusterSearch:
     """Search for the parts of one cluster.
@@ -84,79 +80,74 @@ class ClusterSearch:
     Parameters
     ----------
     region : region cut out, one object or several near each other
-    pictures : (height, width) under lamps; of several the first is the brightest of the others
-    camera : overhead, calibrated
-    library : library of the possible parts
-    usable : (height, width) mask of the area for parts; None for everywhere
-    limits : as for a part by itself
+    scene : its pictures under lamps, and the parts that may be there
     """
 
-    def __init__(
-        self,
-        region: Region,
-        pictures: Sequence[Grey],
-        camera: Camera,
-        library: Library,
-        usable: BoolArray | None,
-        limits: SearchLimits,
-    ) -> None:
-        height, width = pictures[0].shape
-        self.region = widened(region, MARGIN_PX, (height, width))
-        self.cluster = LitCluster(pictures, self.region.box_px, self.region.mask, camera)
+    def __init__(self, region: Region, scene: TableScene) -> None:
+        pictures = scene.pictures
+        self.region = widened(region, MARGIN_PX, pictures[0].shape)
+        self.cluster = LitCluster(pictures, self.region.box_px, self.region.mask, scene.camera)
         self._about = np.any((self.region.mask, *self.region.alternatives), axis=0)
-        self._library, self._usable, self._limits = library, usable, limits
+        self._scene, self._library, self._limits = scene, scene.library, scene.search
         self._alone: dict[LitFit, float] = {}
         self._named: dict[LitFit, float] = {}
         self._tilted: set[LitFit] = set()
         self._weighed: dict[tuple[LitFit, frozenset[LitFit], int], Hypothesis] = {}
 
-    def proposed(self, pieces: Sequence[Region], *, is_first: bool) -> list[Proposed]:
+    def proposed(self, pieces: Sequence[Region], *, is_first: bool) -> list[Candidate]:
         """Return the candidates for pieces of the cluster, those of one kind in order.
 
         Parameters
         ----------
         pieces : pieces in which parts are sought
-        is_first : lines of the whole cluster are asked once; afterwards pieces may be whole parts
+        is_first : edges are asked once; afterwards pieces may be whole parts
         """
-        found: list[Proposed] = []
-        if not is_first:
-            found += [(c, "outline") for piece in pieces for c in self._by_silhouette(piece)]
-        stretches: list[Proposed] = []
-        tried: list[Candidate] = []
-        # the best of each piece before the second best of any
-        for row in zip_longest(*map(self._by_stretches, pieces)):
-            for k, c in enumerate(row):
-                if c is not None and not is_tried(c, tried, self._library):
-                    stretches.append((c, "stretches" + str(k)))
-                    tried.append(c)
-        found += stretches[:MAX_BY_STRETCHES]
+        stretches = self._in_turn([self._by_stretches(piece) for piece in pieces])
+        stretches = stretches[:MAX_BY_STRETCHES]
         if is_first:
-            crop, corner_px = self.cluster.crop, self.cluster.box_px[:2]
-            lines = by_lines(crop, corner_px, self.cluster.camera, self._library, MAX_BY_LINES)
-            found += [(c, "lines") for c in lines]
+            return [*stretches, *self._in_turn(list(map(self._by_edges, self._apart(pieces))))]
+        return [c for piece in pieces for c in self._by_silhouette(piece)] + stretches
+
+    def _in_turn(self, by_piece: Sequence[Sequence[Candidate]]) -> list[Candidate]:
+        """Return each once: the best of each piece before the second best of any."""
+        found: list[Candidate] = []
+        for row in zip_longest(*by_piece):
+            for piece, c in enumerate(row):
+                if c is not None and not is_tried(c, found, self._library):
+                    found.append(replace(c, silhouette=piece))
         return found
 
+    def _apart(self, pieces: Sequence[Region]) -> list[Region]:
+        """Return pieces without those that are about where another one is, as edges have it."""
+        kept: list[Region] = []
+        near_px = SWEPT_MM / float(np.sqrt(self._scene.pixel_mm2))
+        for piece in pieces:
+            off = [np.abs(np.subtract(piece.box_px, other.box_px)).max() for other in kept]
+            if min(off, default=np.inf) > near_px:
+                kept.append(piece)
+        return kept
+
+    def _by_edges(self, piece: Region) -> list[Candidate]:
+        cluster, mask = self.cluster, within(piece, self.region)
+        free = np.ones(mask.shape, dtype=np.bool_)
+        crops = (cluster.crop, *cluster.telling)
+        return by_edges(crops, cluster.box_px[:2], mask, free, self._scene)
+
     def _by_stretches(self, piece: Region) -> list[Candidate]:
-        outline = Cluster(piece, self.cluster.camera, self._usable)
+        outline = Cluster(piece, self.cluster.camera, self._scene.usable)
         if len(outline.points_px) == 0:
             return []
         is_open = np.ones(len(outline.points_px), dtype=np.bool_)
         return propose_partial(outline, self._library, is_open, MAX_BY_STRETCHES, PER_PLACE, None)
 
     def _by_silhouette(self, piece: Region) -> list[Candidate]:
-        plane = self.cluster.camera.on_plane
-        loops = tuple(plane(loop)[:, :2] for loop in piece.loops_px if len(loop) > 8)
-        try:
-            grid, centroid, area = polar_grid(loops)
-        except ValueError:
+        silhouette = silhouette_of(piece.loops_px, self._scene)
+        if silhouette is None:
             return []
-        perimeter = sum(
-            float(np.linalg.norm(np.diff(loop, axis=0), axis=1).sum()) for loop in loops
-        )
-        found = self._library.index.search(Silhouette(area, perimeter, centroid, grid), far=FAR)
+        found = self._library.index.search(silhouette, far=FAR_FRONT)
         return sorted(found, key=lambda c: -c.overlap)[:MAX_BY_OUTLINE]
 
-    def like(self, piece: Region) -> list[Proposed]:
+    def like(self, piece: Region) -> list[Candidate]:
         """Return the candidates with about the outline of a piece, the most similar first.
 
         Parameters
@@ -164,9 +155,9 @@ class ClusterSearch:
         piece : with the outline of a whole part
         """
         found = self._by_silhouette(piece)
-        return [(c, "outline") for c in found if c.overlap > ALIKE][:MAX_LIKE]
+        return [c for c in found if c.overlap > ALIKE][:MAX_LIKE]
 
-    def with_flat(self, fits: Sequence[LitFit], proposed: Sequence[Proposed]) -> list[LitFit]:
+    def with_flat(self, fits: Sequence[LitFit], proposed: Sequence[Candidate]) -> list[LitFit]:
         """Return fits with those of parts that lie flat on the table, each place once.
 
         Parameters
@@ -213,7 +204,7 @@ class ClusterSearch:
         return found
 
     def with_leaning(
-        self, fits: Sequence[LitFit], proposed: Sequence[Proposed], there: Sequence[LitFit]
+        self, fits: Sequence[LitFit], proposed: Sequence[Candidate], there: Sequence[LitFit]
     ) -> list[LitFit]:
         """Return fits with those of parts that may lean on others.
 
@@ -230,7 +221,7 @@ class ClusterSearch:
             self._tilted.add(flat)
             others = [f for f in there if not are_one_place(f, flat, SAME_SHADOW)]
             starts.append((flat.candidate, flat.T, others))
-        starts += [(c, None, list(there)) for c, _ in proposed[:MAX_LEANING]]
+        starts += [(c, None, list(there)) for c in proposed[:MAX_LEANING]]
         out = list(fits)
         for c, T, others in starts:
             fit = self._leaning(c, T, others)
@@ -290,12 +281,13 @@ class ClusterSearch:
         return self._weighed[key]
 
     def _coarse_ones(
-        self, proposed: Sequence[Proposed]
+        self, proposed: Sequence[Candidate]
     ) -> Iterator[tuple[float, Candidate, FloatArray]]:
         """Yield score, candidate and pose of rough fits, until others of their kind fail."""
-        failed: dict[str, int] = {}
-        for c, source in proposed:
-            if failed.get(source, 0) == (GIVE_UP if source == "lines" else GIVE_UP_PIECE):
+        failed: dict[tuple[str, int], int] = {}
+        for c in proposed:
+            source = c.source, c.silhouette
+            if failed.get(source, 0) == GIVE_UP:
                 continue
             fit, score = self._coarse(c)
             failed[source] = 0 if score >= GOOD_SHARE else failed.get(source, 0) + 1
@@ -306,8 +298,10 @@ class ClusterSearch:
         model, T = self._library.model(c.part), self._flat(c)
         best, best_score, first = None, 0.0, None
         camera, grey = self.cluster.camera, self.cluster.grey
-        for reach_mm in (NEAR_MM, FAR_MM + 0.5 * c.slack_mm):
-            options = FitOptions((self._reach_px(c, reach_mm),), steps=3, most=COARSE_SAMPLES)
+        for reach_mm in (NEAR_MM, self._limits.first_reach_mm + 0.5 * c.slack_mm):
+            options = FitOptions(
+                (self._reach_px(c, reach_mm),), steps=3, most=self._limits.coarse_samples
+            )
             first = first or first_edges(model, T, camera, grey, options)
             fit = fit_edges(model, T, camera, grey, options, first)
             score = 0.0 if fit is None else coarse_score(fit)
@@ -319,13 +313,11 @@ class ClusterSearch:
 
     def _fine(self, c: Candidate, T: FloatArray, leaning: Prior | None = None) -> LitFit | None:
         model, pose = self._library.model(c.part), self._library.entries[c.part].pose(c.pose)
-        limits = self._limits
-        tilt = limits.rocking_lit_rad if pose.rocking or pose.rolling else limits.tilt_rad
         options = FitOptions(
-            reach_px=(self._reach_px(c, 1.5), self._reach_px(c, 0.8)),
+            reach_px=tuple(self._reach_px(c, mm) for mm in FINE_REACH_MM),
             steps=3,
-            prior=leaning or at_rest(tilt),
-            most=SAMPLES,
+            prior=leaning or at_rest_in(pose, is_lit=True),
+            most=self._limits.fine_samples,
         )
         fit = fit_edges(model, T, self.cluster.camera, self.cluster.grey, options)
         if fit is None:
@@ -338,7 +330,7 @@ class ClusterSearch:
         """Return a candidate fitted as leaning on another part, from a pose or from flat."""
         model = self._library.model(c.part)
         reach_px = tuple(self._reach_px(c, mm) for mm in LEANS_FAR_MM)
-        options = FitOptions(reach_px, steps=4, prior=LEANS, most=COARSE_SAMPLES)
+        options = FitOptions(reach_px, steps=4, prior=LEANS, most=self._limits.coarse_samples)
         found, best = None, COARSE_SHARE
         for start in self._leaning_starts(model, self._flat(c) if T is None else T, there):
             coarse = fit_edges(model, start, self.cluster.camera, self.cluster.grey, options)

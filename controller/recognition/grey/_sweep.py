@@ -1,22 +1,21 @@
-"""Views tried all over a place, for things without a whole outline or feature.
+"""Views tried all over a place, for things without a whole outline.
 
-A dark side lies in the dark, a streak hides a corner: then only a piece is cut out, and pairs of
-features of one size may all be wrong. The remaining way is to try every turn at places of a grid,
-and to count the share of a view's edges with a parallel edge near by.
+A dark side lies in the dark, a streak hides a corner: then only a piece is cut out. Every turn is
+tried at places of a grid, and the share of a view's edges with a parallel edge near by is counted.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from controller.arrays import ByteArray, FloatArray, IntArray
 
-from .._tolerances import GreyTolerances
-from ..features.extract import Edgelets, join_edgelets
+from ._edgelets import Edgelets, join_edgelets
+from ._index import EdgeletIndex
 from ._score import edge_map, fitted, quick_scores, rated
-from .hypotheses import ViewHypothesis, distinct_poses, hypothesis_of
-from .index import FeatureIndex
+from ._tolerances import GreyTolerances
 
 CELL_MM = 1.0
 DIRECTIONS = 16
@@ -29,19 +28,38 @@ OFF_MM = 5.0  # distance added for a shadow
 MAX_LOOKS = 40_000_000  # edgelets looked up in all: the views likest in size come first
 MAX_KEPT, MAX_OF_VIEW = 3000, 120
 MAX_FITTED = 60
+SAME_RAD, SAME_MM = np.pi / 60, 1.5  # placements of a view nearer than this are one
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PlacedView:
+    """A view placed on the picture.
+
+    Attributes
+    ----------
+    view : number of the view in the index
+    turn_rad : anticlockwise from above
+    shift_mm : (2,) shift of the view's origin, on the table
+    score : 0..1, harmonic mean of the shares of edges on both sides that are found on the other
+    """
+
+    view: int
+    turn_rad: float
+    shift_mm: FloatArray
+    score: float
 
 
 def swept(
     shown: Sequence[Edgelets],
     clear: Edgelets,
-    index: FeatureIndex,
+    index: EdgeletIndex,
     turns_rad: FloatArray,
     box_mm: FloatArray,
     *,
     foot_mm: tuple[float, float],
     most: int,
     tol: GreyTolerances | None = None,
-) -> tuple[ViewHypothesis, ...]:
+) -> tuple[PlacedView, ...]:
     """Return the hypotheses for a thing by its edges alone, best first.
 
     Parameters
@@ -59,7 +77,7 @@ def swept(
     tol = tol or GreyTolerances()
     foot = np.asarray(foot_mm, dtype=np.float64)
     every = join_edgelets(list(shown))
-    if not index.models or len(every.points_mm) == 0 or len(clear.points_mm) == 0:
+    if len(index.sizes_mm) == 0 or len(every.points_mm) == 0 or len(clear.points_mm) == 0:
         return ()
     coarse = _placed(every, index, turns_rad, box_mm - foot, foot)
     if len(coarse) == 0:
@@ -67,30 +85,53 @@ def swept(
     seen = edge_map(every, foot, tol)
     coarse = coarse[quick_scores(seen, index, coarse, MAX_FITTED)]
     poses = fitted(seen, index, coarse, tol)
-    scores = rated(seen, index, poses, tol)
-    explained = rated(edge_map(clear, foot, tol), index, poses, tol)[:, 2]
-    found = scores[:, 1]
-    scores[:, 2] = explained
-    scores[:, 0] = 2 * found * explained / np.maximum(found + explained, 1e-9)
-    order = distinct_poses(poses, scores[:, 0], most)
-    return tuple(hypothesis_of(poses[i], scores[i], foot) for i in order.tolist())
+    found = rated(seen, index, poses, tol)[0]
+    explained = rated(edge_map(clear, foot, tol), index, poses, tol)[1]
+    scores = 2 * found * explained / np.maximum(found + explained, 1e-9)
+    return tuple(
+        PlacedView(
+            int(poses[i, 0]),
+            float((poses[i, 1] + np.pi) % (2 * np.pi) - np.pi),
+            poses[i, 2:] + foot,
+            float(scores[i]),
+        )
+        for i in _distinct(poses, scores, most).tolist()
+    )
+
+
+def _distinct(poses: FloatArray, scores: FloatArray, most: int) -> IntArray:
+    """Return the ``most`` best poses (n, 4), without near duplicates of better ones."""
+    order = np.argsort(-scores, kind="stable")
+    p = poses[order]
+    turn = np.abs((p[:, None, 1] - p[None, :, 1] + np.pi) % (2 * np.pi) - np.pi)
+    same = (p[:, None, 0] == p[None, :, 0]) & (turn < SAME_RAD)
+    for axis in (2, 3):
+        same &= np.abs(p[:, None, axis] - p[None, :, axis]) < SAME_MM
+    kept: list[int] = []
+    is_taken = np.zeros(len(p), dtype=np.bool_)
+    for i in range(len(p)):
+        if not is_taken[i]:
+            kept.append(i)
+            is_taken |= same[i]
+        if len(kept) == most:
+            break
+    return order[kept]
 
 
 def _placed(
     every: Edgelets,
-    index: FeatureIndex,
+    index: EdgeletIndex,
     turns_rad: FloatArray,
     box: FloatArray,
     foot: FloatArray,
 ) -> FloatArray:
     """Return (n, 4) view, turn and shift of placements on a grid that meet the most edges."""
-    hulls = index.hulls
     extent = box[1] - box[0]
     half = OFF_SHARE * extent + OFF_MM
     low, high = box.mean(axis=0) - half, box.mean(axis=0) + half
-    able = np.flatnonzero(hulls[:, 6] > 0)
+    able = np.flatnonzero(index.sizes_mm > 0)
     size = np.sqrt(np.prod(extent) * np.pi / 4)
-    able = able[np.argsort(np.abs(np.log(np.maximum(hulls[able, 2], 1e-3) / size)), kind="stable")]
+    able = able[np.argsort(np.abs(np.log(index.sizes_mm[able] / size)), kind="stable")]
     turn_count = np.maximum(np.ceil(turns_rad * index.reach_mm / TURN_MM), 1).astype(np.int64)
     nx, ny = (np.ceil((high - low) / (STEP_CELLS * CELL_MM)).astype(int) + 1).tolist()
     looks = np.cumsum(turn_count[able]) * nx * ny * ASKED
@@ -116,7 +157,7 @@ def _placed(
         down, right = np.divmod(place, nx)
         middle = low + STEP_CELLS * CELL_MM * np.column_stack([right, down])
         angle = turns[turn]
-        shift = (middle - _turned(hulls[view, :2], angle)) / hulls[view, 6]
+        shift = (middle - _turned(index.middles_mm[view], angle)) / index.spreads[view]
         rows.append(np.column_stack([np.full(len(best), float(view)), angle, shift]))
         scores.append(value.ravel()[best])
     found, score = np.concatenate(rows), np.concatenate(scores)
@@ -141,7 +182,7 @@ def _near_map(every: Edgelets, foot: FloatArray, low: FloatArray, high: FloatArr
 
 
 def _cells(
-    index: FeatureIndex,
+    index: EdgeletIndex,
     view: int,
     turns: FloatArray,
     middle: FloatArray,
@@ -158,13 +199,13 @@ def _cells(
     shape : shape of the map
     """
     x, y, spread, direction, weight = index.edgelets(np.array([view]), 0, ASKED)[:, 0].astype(float)
-    hull = index.hulls[view]
+    own, own_spread = index.middles_mm[view], float(index.spreads[view])
     cos, sin = np.cos(turns)[:, None], np.sin(turns)[:, None]
     # what stands higher moves further from the foot; across the grid the difference is small
-    shift = middle - _turned(hull[:2], turns)
-    lean = spread / hull[6] - 1.0
-    px = cos * (x - hull[0]) - sin * (y - hull[1]) + begin[0] + lean * shift[:, :1]
-    py = sin * (x - hull[0]) + cos * (y - hull[1]) + begin[1] + lean * shift[:, 1:]
+    shift = middle - _turned(own, turns)
+    lean = spread / own_spread - 1.0
+    px = cos * (x - own[0]) - sin * (y - own[1]) + begin[0] + lean * shift[:, :1]
+    py = sin * (x - own[0]) + cos * (y - own[1]) + begin[1] + lean * shift[:, 1:]
     plane = np.rint((direction + turns[:, None]) * (DIRECTIONS / np.pi)).astype(np.int64)
     _, height, width = shape
     column = (px / CELL_MM).astype(np.int64)

@@ -12,7 +12,7 @@ import numpy as np
 
 from controller.arrays import Float32Array, FloatArray, Grey
 
-from .._tolerances import GreyTolerances
+from ._tolerances import GreyTolerances
 
 ToPlane = Callable[[FloatArray], FloatArray]
 

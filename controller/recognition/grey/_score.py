@@ -10,9 +10,9 @@ import numpy as np
 
 from controller.arrays import Float32Array, FloatArray, Int32Array, IntArray
 
-from .._tolerances import GreyTolerances
-from ..features.extract import Edgelets
-from .index import ASKED, FeatureIndex
+from ._edgelets import Edgelets
+from ._index import ASKED, EdgeletIndex
+from ._tolerances import GreyTolerances
 
 CELL_MM = 0.8
 DIRECTIONS = 16
@@ -30,9 +30,8 @@ class EdgeMap:
         its last entry is for what is outside
     shape : (height, width)
     low_mm : (2,) its corner
-    x_mm, y_mm, normal_x, normal_y, weights, leans : (n + 1,) of the edgelets, about the camera's
-        foot, and the sine of how far a match may lean; a last one of no weight, so that -1 can be
-        asked for
+    x_mm, y_mm, normal_x, normal_y, weights : (n + 1,) of the edgelets, about the camera's foot; a
+        last one of no weight, so that -1 can be asked for
     """
 
     nearest: Int32Array
@@ -43,7 +42,6 @@ class EdgeMap:
     normal_x: Float32Array
     normal_y: Float32Array
     weights: Float32Array
-    leans: Float32Array
 
 
 def edge_map(edgelets: Edgelets, foot_mm: FloatArray, tol: GreyTolerances) -> EdgeMap:
@@ -53,7 +51,7 @@ def edge_map(edgelets: Edgelets, foot_mm: FloatArray, tol: GreyTolerances) -> Ed
     ----------
     edgelets : edgelets of the picture, table plane [mm]; at least one
     foot_mm : (2,) point of the table below the camera, which the map is about
-    tol : range of the search for edges about a position, and the largest angle of a match
+    tol : range of the search for edges about a position
     """
     points = edgelets.points_mm - foot_mm
     reach = int(np.ceil(tol.reach_mm / CELL_MM))
@@ -83,7 +81,6 @@ def edge_map(edgelets: Edgelets, foot_mm: FloatArray, tol: GreyTolerances) -> Ed
         -np.sin(angle),
         np.cos(angle),
         edgelets.lengths_mm * edgelets.strengths,
-        np.sin(tol.match_rad + edgelets.bends_rad),
     )
     return EdgeMap(
         nearest,
@@ -115,7 +112,7 @@ def _look_up(
     return seen.nearest[key], px, py, angle
 
 
-def quick_scores(seen: EdgeMap, index: FeatureIndex, poses: FloatArray, most: int) -> IntArray:
+def quick_scores(seen: EdgeMap, index: EdgeletIndex, poses: FloatArray, most: int) -> IntArray:
     """Return the indices of the best hypotheses, best first, by the share of edges matched.
 
     A few edgelets of each are tested first: views that cannot reach the ``most``-th best even if
@@ -147,7 +144,7 @@ def quick_scores(seen: EdgeMap, index: FeatureIndex, poses: FloatArray, most: in
 
 
 def fitted(
-    seen: EdgeMap, index: FeatureIndex, poses: FloatArray, tol: GreyTolerances
+    seen: EdgeMap, index: EdgeletIndex, poses: FloatArray, tol: GreyTolerances
 ) -> FloatArray:
     """Return hypotheses (n, 4) moved so that their edgelets lie on those of the picture.
 
@@ -181,8 +178,10 @@ def fitted(
     return poses
 
 
-def rated(seen: EdgeMap, index: FeatureIndex, poses: FloatArray, tol: GreyTolerances) -> FloatArray:
-    """Return (n, 3) score, and the shares found of the view's and of the picture's edges.
+def rated(
+    seen: EdgeMap, index: EdgeletIndex, poses: FloatArray, tol: GreyTolerances
+) -> tuple[FloatArray, FloatArray]:
+    """Return the shares (n,) of each view's edges found, and of the picture's edges explained.
 
     Parameters
     ----------
@@ -198,7 +197,7 @@ def rated(seen: EdgeMap, index: FeatureIndex, poses: FloatArray, tol: GreyTolera
     nx, ny = seen.normal_x[met], seen.normal_y[met]
     gap = np.abs((seen.x_mm[met] - x) * nx + (seen.y_mm[met] - y) * ny)
     lean = np.abs(np.cos(angle) * nx + np.sin(angle) * ny)
-    hit = (met >= 0) & (gap < tol.match_mm) & (lean < seen.leans[met])
+    hit = (met >= 0) & (gap < tol.match_mm) & (lean < np.sin(tol.match_rad))
     # of two that are all near, the one that lies better
     worth = 1 - gap * gap * np.float32(0.5 / tol.match_mm**2)
     found = (pieces[4] * worth * hit).sum(axis=1) / np.maximum(index.totals[model], 1e-9)
@@ -218,5 +217,4 @@ def rated(seen: EdgeMap, index: FeatureIndex, poses: FloatArray, tol: GreyTolera
     # other edges count as well, by half, as they may be another part's
     of_all = used @ seen.weights / max(float(seen.weights.sum()), 1e-9)
     explained = (explained + of_all) / 2
-    score = 2 * found * explained / np.maximum(found + explained, 1e-9)
-    return np.stack([score, found, explained], axis=1).astype(np.float64)
+    return found.astype(np.float64), explained.astype(np.float64)

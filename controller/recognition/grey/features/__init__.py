@@ -1,1 +1,0 @@
-"""Features of a grey picture: edge points, lines, corners, circles and arcs."""

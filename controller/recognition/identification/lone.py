@@ -1,0 +1,131 @@
+"""One thing by itself: proposed by its silhouette, under lamps by edges; fitted and decided."""
+
+from typing import Final
+
+import cv2
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray
+
+from ..library import FEW_VIEWS, Candidate, Library, Silhouette, polar_grid
+from ..segmentation import Region
+from .by_edges import by_edges
+from .cutout import ObjectCutout
+from .decide import decide, is_convincing
+from .hypotheses import distinct, is_tried, ranked_under_lamps, weigh
+from .scene import TableScene
+from .sighting import Seen, Trace, known, unknown, why_not
+
+CROWD: Final = 0.15  # distance in the index: the right view of seen silhouettes was within 0.13
+CROWDED_VIEWS: Final = 400  # views compared turn by turn in a crowd: 10 to 16 ms
+FAR_BACKLIT: Final = 0.6  # distance in the index: a whole silhouette finds its like nearby
+FAR_FRONT: Final = 1.5  # distance in the index of a silhouette with shaded sides missing
+MIN_LOOP_PX: Final = 8  # shorter loops are dust
+
+
+def identify(region: Region, scene: TableScene) -> Seen:
+    """Return what a region is as one thing.
+
+    Parameters
+    ----------
+    region : as it was cut out
+    scene : its pictures, and the parts that it may be
+    """
+    outlines, silhouettes = _silhouettes(region, scene)
+    if not silhouettes:
+        reason = "too small to recognise"
+        return unknown(region, scene, 0.0, 1.0, reason), Trace(region, (), ())
+    main, library = silhouettes[0], scene.library
+    if region.touches_edge:
+        reason = "partly outside the picture or the backlit area; move it inwards"
+        return unknown(region, scene, main.area_mm2, 1.0, reason), Trace(region, (), ())
+    far = FAR_BACKLIT if scene.is_backlit else FAR_FRONT
+    candidates = [
+        c
+        for which, silhouette in enumerate(silhouettes)
+        for c in library.index.search(silhouette, far=far, silhouette=which)
+    ]
+    candidates.sort(key=lambda c: -c.overlap)
+    cutout = ObjectCutout(region, scene, outlines)
+    hypotheses = weigh(candidates, cutout, scene.search)
+    if not scene.is_backlit and not is_convincing(hypotheses):
+        free = np.ones(region.mask.shape, dtype=np.bool_)
+        proposed = by_edges(cutout.crops, cutout.corner_px, region.mask, free, scene)
+        candidates += proposed
+        new = [c for c in proposed if not is_tried(c, hypotheses, library)]
+        others = weigh(new, cutout, scene.search.for_edges(len(new)))
+        hypotheses = ranked_under_lamps([*hypotheses, *others], library)
+    decision = decide(hypotheses, is_backlit=scene.is_backlit)
+    if scene.is_backlit and decision.best is None and _is_crowded(main, library):
+        crowd = library.index.search(main, CROWDED_VIEWS, far=CROWD)
+        tried: list[Candidate] = distinct(candidates, library)[: scene.search.max_coarse]
+        new = [c for c in crowd if not is_tried(c, tried, library)]
+        candidates += new
+        more = weigh(new, cutout, scene.search.for_crowd())
+        decision = decide(more, is_backlit=True)
+        hypotheses = more if decision.best is not None else hypotheses
+    trace = Trace(region, tuple(candidates), tuple(hypotheses))
+    if decision.best is None:
+        reason = why_not(decision, library)
+        return unknown(region, scene, main.area_mm2, decision.score, reason), trace
+    return known(decision, decision.best, region, main.area_mm2, library), trace
+
+
+def _is_crowded(silhouette: Silhouette, library: Library) -> bool:
+    """Return True if more views are like a silhouette than the first search compares."""
+    return library.index.near_count(silhouette, CROWD) > FEW_VIEWS
+
+
+def _silhouettes(
+    region: Region, scene: TableScene
+) -> tuple[list[tuple[FloatArray, ...]], list[Silhouette]]:
+    """Return the hypotheses about a region's outline, the likeliest first.
+
+    Returns
+    -------
+    the loops of each in the picture [px], and the silhouette in the table plane
+    """
+    outlines, found = [], []
+    for loops_px in (region.loops_px, *(_loops(m, region) for m in region.alternatives)):
+        silhouette = silhouette_of(loops_px, scene)
+        if silhouette is not None:
+            outlines.append(loops_px)
+            found.append(silhouette)
+    return outlines, found
+
+
+def silhouette_of(loops_px: tuple[FloatArray, ...], scene: TableScene) -> Silhouette | None:
+    """Return the silhouette of an outline [px] in the table plane; None for one that is too small.
+
+    Parameters
+    ----------
+    loops_px : the outer loop, and its holes
+    scene : the picture's camera
+    """
+    plane = scene.camera.on_plane
+    loops = tuple(plane(loop)[:, :2] for loop in loops_px if len(loop) > MIN_LOOP_PX)
+    if not loops:
+        return None
+    try:
+        grid, centroid, area = polar_grid(loops)
+    except ValueError:
+        return None
+    return Silhouette(area, sum(_length(loop) for loop in loops), centroid, grid)
+
+
+def _length(loop: FloatArray) -> float:
+    """Return the length of a dense loop, its pixels' zigzag smoothed away."""
+    smooth = loop + np.roll(loop, 1, axis=0) + np.roll(loop, 2, axis=0) + np.roll(loop, -1, axis=0)
+    return float(np.linalg.norm(np.roll(smooth, -1, axis=0) - smooth, axis=1).sum()) / 4
+
+
+def _loops(mask: BoolArray, region: Region) -> tuple[FloatArray, ...]:
+    """Return the outer loop of a mask's largest piece, and its holes, in the picture [px]."""
+    contours, tree = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    if not contours:
+        return ()
+    parent = tree[0][:, 3]
+    areas = np.array([cv2.contourArea(c) for c in contours])
+    outer = int(np.where(parent < 0, areas, -1.0).argmax())
+    mine = [outer, *np.flatnonzero(parent == outer).tolist()]
+    return tuple(contours[i].reshape(-1, 2) + np.array(region.box_px[:2], float) for i in mine)
