@@ -118,11 +118,17 @@ class EdgeFit:
     sigma_px: float
     covariance: FloatArray
 
+    @property
+    def closeness(self) -> FloatArray:
+        """Nearness of each predicted edge (n,) to one seen, 0..1."""
+        off = np.nan_to_num(self.gaps.gap_px, nan=99.0)
+        return np.asarray(np.exp(-0.5 * (off / CLOSE_PX) ** 2))
 
-def closeness(fit: EdgeFit) -> FloatArray:
-    """Return how near each predicted edge (n,) is to one seen, 0..1, as coarse scores count it."""
-    off = np.nan_to_num(fit.gaps.gap_px, nan=99.0)
-    return np.asarray(np.exp(-0.5 * (off / CLOSE_PX) ** 2))
+    @property
+    def score(self) -> float:
+        """Share of predicted edges that are about where they should be, by their weight."""
+        weight = self.gaps.weight
+        return float((self.closeness * weight).sum() / max(weight.sum(), 1e-9))
 
 
 def fit_edges(
@@ -175,6 +181,39 @@ def fit_edges(
     weight = gaps.weight[found] / np.maximum(1.0, np.abs(residual) / max(HUBER_PX, 2 * sigma))
     covariance = _covariance(jacobian[found][:, ON_TABLE], weight, sigma, edges.step_mm)
     return EdgeFit(T, edges, gaps, sigma, covariance)
+
+
+def coarse_fit(
+    model: EdgeModel,
+    T_world_part: FloatArray,
+    camera: Camera,
+    measure: Measure,
+    reaches_px: Sequence[float],
+    most: int,
+    sure: float,
+) -> EdgeFit | None:
+    """Return the first fit of several reaches that scores enough, or the best of them.
+
+    A longer reach is a further try, since it also finds more edges of other objects.
+
+    Parameters
+    ----------
+    model, T_world_part, camera, measure : of `fit_edges`
+    reaches_px : how far from the prediction an edge is looked for, try by try
+    most : edge samples looked at
+    sure : score from which no other reach is tried
+    """
+    best: EdgeFit | None = None
+    first: ModelEdgePoints | None = None
+    for reach_px in reaches_px:
+        options = FitOptions((reach_px,), steps=3, most=most)
+        first = first or first_edges(model, T_world_part, camera, measure, options)
+        fit = fit_edges(model, T_world_part, camera, measure, options, first)
+        if fit is not None and (best is None or fit.score > best.score):
+            best = fit
+        if best is not None and best.score >= sure:
+            break
+    return best
 
 
 def first_edges(

@@ -25,7 +25,7 @@ from ..fitting import (
     are_highlights,
     are_shaded,
     at_rest_in,
-    closeness,
+    coarse_fit,
     first_edges,
     fit_edges,
     grey_evidence,
@@ -283,9 +283,8 @@ def _coarse(
 ) -> tuple[EdgeFit | None, float]:
     """Return a candidate's first fit and score; a tall part is sought over a wider range.
 
-    A longer reach is a second try, since it also finds more edges of other objects. Under lamps
-    inner edges are near each other, and a view made for another place may be off by more than that:
-    there the outline of the silhouette that found it is fitted first.
+    Under lamps inner edges are near each other, and a view made for another place may be off by
+    more than that: there the outline of the silhouette that found it is fitted first.
 
     Parameters
     ----------
@@ -304,19 +303,10 @@ def _coarse(
     reaches_mm = [limits.first_reach_mm]
     if cutout.is_backlit and candidate.slack_mm >= limits.slack_mm:
         reaches_mm.append(limits.first_reach_mm + candidate.slack_mm)
-    for reach_mm in reaches_mm:
-        options = FitOptions(
-            reach_px=(_reach_px(reach_mm, cutout),),
-            steps=3,
-            most=limits.coarse_samples,
-        )
-        fit = fit_edges(model, T, cutout.camera, cutout.measure, options)
-        score = 0.0 if fit is None else coarse_score(fit)
-        if score > best_score:
-            best, best_score = fit, score
-        if best_score >= limits.sure_coarse:
-            break
-    return best, best_score
+    reaches_px = [_reach_px(mm, cutout) for mm in reaches_mm]
+    most, sure = limits.coarse_samples, limits.sure_coarse
+    fit = coarse_fit(model, T, cutout.camera, cutout.measure, reaches_px, most, sure)
+    return (fit, fit.score) if fit is not None and fit.score > best_score else (best, best_score)
 
 
 def _coarse_by_outline(
@@ -334,7 +324,7 @@ def _coarse_by_outline(
     for which in dict.fromkeys((candidate.silhouette, 0)):
         outline = cutout.outline_of(which)
         fit = fit_edges(model, T_world_part, cutout.camera, outline, options, first)
-        score = 0.0 if fit is None else coarse_score(fit)
+        score = 0.0 if fit is None else fit.score
         if fit is not None and score > best_score:
             start, best_score = fit.T_world_part, score
         if best_score >= limits.sure_coarse:
@@ -343,13 +333,7 @@ def _coarse_by_outline(
         return None, 0.0
     options = replace(options, reach_px=(_reach_px(limits.after_outline_mm, cutout),))
     fit = fit_edges(model, start, cutout.camera, cutout.measure, options)
-    return fit, 0.0 if fit is None else coarse_score(fit)
-
-
-def coarse_score(fit: EdgeFit) -> float:
-    """Return the share of predicted edges that are about where they should be."""
-    weight = fit.gaps.weight
-    return float((closeness(fit) * weight).sum() / max(weight.sum(), 1e-9))
+    return fit, 0.0 if fit is None else fit.score
 
 
 def _refine(

@@ -27,7 +27,6 @@ from ..fitting import (
     Gaps,
     ModelEdgePoints,
     at_rest_in,
-    closeness,
     fit_edges,
     is_predicted,
 )
@@ -215,7 +214,7 @@ def _covered(edges: ModelEdgePoints, cluster: Cluster) -> tuple[BoolArray, BoolA
 
 def _nearness(fit: EdgeFit, cluster: Cluster) -> float:
     """Return the share of free predicted edges found about in place."""
-    near = closeness(fit)
+    near = fit.closeness
     covered, beyond = _covered(fit.edges, cluster)
     free = ~(covered | beyond) | (np.abs(fit.gaps.gap_px) < FAR_PX)
     return float(near[free].mean()) if free.mean() > 0.2 else 0.0

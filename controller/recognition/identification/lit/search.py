@@ -22,7 +22,7 @@ from ...fitting import (
     FitOptions,
     Prior,
     at_rest_in,
-    first_edges,
+    coarse_fit,
     fit_edges,
 )
 from ...library import (
@@ -38,7 +38,6 @@ from ..decide import CONVINCING, CONVINCING_PX
 from ..hypotheses import (
     SAME_PLACE_MM,
     Hypothesis,
-    coarse_score,
     is_same_turn,
     is_tried,
 )
@@ -289,27 +288,19 @@ class ClusterSearch:
             source = c.source, c.silhouette
             if failed.get(source, 0) == GIVE_UP:
                 continue
-            fit, score = self._coarse(c)
+            fit = self._coarse(c)
+            score = 0.0 if fit is None else fit.score
             failed[source] = 0 if score >= GOOD_SHARE else failed.get(source, 0) + 1
             if fit is not None and score >= COARSE_SHARE:
                 yield score, c, fit.T_world_part
 
-    def _coarse(self, c: Candidate) -> tuple[EdgeFit | None, float]:
-        model, T = self._library.model(c.part), self._flat(c)
-        best, best_score, first = None, 0.0, None
-        camera, grey = self.cluster.camera, self.cluster.grey
-        for reach_mm in (NEAR_MM, self._limits.first_reach_mm + 0.5 * c.slack_mm):
-            options = FitOptions(
-                (self._reach_px(c, reach_mm),), steps=3, most=self._limits.coarse_samples
-            )
-            first = first or first_edges(model, T, camera, grey, options)
-            fit = fit_edges(model, T, camera, grey, options, first)
-            score = 0.0 if fit is None else coarse_score(fit)
-            if score > best_score:
-                best, best_score = fit, score
-            if best_score >= self._limits.sure_coarse:
-                break
-        return best, best_score
+    def _coarse(self, c: Candidate) -> EdgeFit | None:
+        limits, cluster = self._limits, self.cluster
+        reaches_mm = NEAR_MM, limits.first_reach_mm + 0.5 * c.slack_mm
+        reaches_px = [self._reach_px(c, mm) for mm in reaches_mm]
+        model, most = self._library.model(c.part), limits.coarse_samples
+        T, sure = self._flat(c), limits.sure_coarse
+        return coarse_fit(model, T, cluster.camera, cluster.grey, reaches_px, most, sure)
 
     def _fine(self, c: Candidate, T: FloatArray, leaning: Prior | None = None) -> LitFit | None:
         model, pose = self._library.model(c.part), self._library.entries[c.part].pose(c.pose)
@@ -334,7 +325,7 @@ class ClusterSearch:
         found, best = None, COARSE_SHARE
         for start in self._leaning_starts(model, self._flat(c) if T is None else T, there):
             coarse = fit_edges(model, start, self.cluster.camera, self.cluster.grey, options)
-            score = 0.0 if coarse is None else coarse_score(coarse)
+            score = 0.0 if coarse is None else coarse.score
             if coarse is not None and score >= best:
                 found, best = LitFit(c, model, coarse, self.cluster, leans=True), score
         if found is None:
