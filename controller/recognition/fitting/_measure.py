@@ -319,25 +319,6 @@ class GreyMeasure:
         is_seen = (size > noises[:, None]) & (size > SEEN_SHARE * size.max(axis=0))
         return np.asarray(is_seen.sum(axis=0) > 1)
 
-    def best_shift(self, edges: ModelEdgePoints, reach_px: int) -> FloatArray:
-        """Return the shift (2,) [px] that puts predicted edges on the most contrast.
-
-        Parallel edges near each other trap a fit on the wrong one; a look all round does not care.
-        """
-        offsets = np.arange(-reach_px, reach_px + 1, dtype=np.float32)
-        shift = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
-        at = (edges.pixels - self.corner).astype(np.float32) + shift[:, None]
-        x, y = np.ascontiguousarray(at[..., 0]), np.ascontiguousarray(at[..., 1])
-        slope = sample_picture(self.gx, x, y) * edges.normals[:, 0].astype(np.float32)
-        slope += sample_picture(self.gy, x, y) * edges.normals[:, 1].astype(np.float32)
-        is_clear = ~edges.on_outline & (np.abs(edges.lift) > CLEAR_LIFT) & self._is_lit
-        slope = np.where(is_clear & (slope * edges.lift < 0), 0.0, np.abs(slope))
-        # roots, so that a few bright rims do not outvote the rest
-        contrast = np.sqrt(np.maximum(slope - 3 * self.noise, 0.0)) @ visibility(edges)
-        # what lies where it was counts a little more
-        contrast = contrast * (1.0 - 0.01 * np.linalg.norm(shift, axis=1))
-        return np.asarray(shift[int(contrast.argmax())], dtype=np.float64)
-
 
 def _slope(crop: Grey) -> tuple[Float32Array, Float32Array]:
     """Return a picture's gradient along x and y (h, w) [grey levels / px]."""

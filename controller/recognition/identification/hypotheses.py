@@ -348,10 +348,7 @@ def _refine(
         prior=at_rest_in(pose, is_lit=not cutout.is_backlit),
         most=limits.fine_outline if cutout.is_backlit else limits.fine_samples,
     )
-    start = coarse.T_world_part
-    if not cutout.is_backlit:
-        start = _shifted(model, start, cutout, limits)
-    fit = fit_edges(model, start, cutout.camera, cutout.measure, options)
+    fit = fit_edges(model, coarse.T_world_part, cutout.camera, cutout.measure, options)
     if fit is None:
         return None
     if cutout.is_backlit:
@@ -415,24 +412,6 @@ def alone_in(h: Hypothesis, about: ImageEdges, cutout: ObjectCutout) -> Hypothes
     mm = longest_alone_mm(about, h.fit.edges, cutout.mm_per_px, cutout.greys[0], shade)
     longest_mm = max(mm, h.evidence.unexplained_mm)
     return replace(h, evidence=replace(h.evidence, unexplained_mm=longest_mm))
-
-
-def _shifted(
-    model: EdgeModel, T: FloatArray, cutout: ObjectCutout, limits: SearchLimits
-) -> FloatArray:
-    """Return a pose moved over the table to where its edges meet the most contrast."""
-    if limits.shift_mm == 0:
-        return T
-    edges = predict_edges(model, T, cutout.camera, limits.coarse_samples)
-    if len(edges.pixels) == 0:
-        return T
-    reach = int(np.clip(np.ceil(limits.shift_mm / cutout.mm_per_px), 2, 6))
-    shift = cutout.greys[0].best_shift(edges, reach)
-    middle = edges.pixels.mean(axis=0)
-    ground = cutout.camera.on_plane(np.array([middle, middle + shift]))
-    out = T.copy()
-    out[:2, 3] += ground[1, :2] - ground[0, :2]
-    return out
 
 
 def _look_inside(hypotheses: Sequence[Hypothesis], cutout: ObjectCutout) -> list[Hypothesis]:

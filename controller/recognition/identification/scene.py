@@ -37,7 +37,6 @@ class SearchLimits:
     coarse_share : share of the best one's coarse score that others need for a full fit
     overlap_gap : overlap by which a candidate may fall short of one that fits perfectly
     perfect, perfect_px : probability from which, and misfit up to which a fit is perfect
-    shift_mm : offset round a coarse fit under lamps at which edges are tried again; 0 for none
     """
 
     max_coarse: int = 14
@@ -60,7 +59,6 @@ class SearchLimits:
     overlap_gap: float = 0.025
     perfect: float = 0.9
     perfect_px: float = 0.3
-    shift_mm: float = 1.2
 
     def for_crowd(self) -> "SearchLimits":
         """Return the limits for an outline that many views are like."""
@@ -69,7 +67,7 @@ class SearchLimits:
     def for_edges(self, count: int) -> "SearchLimits":
         """Return the limits for so many candidates that are already fitted to edges."""
         reach_mm = self.edges_reach_mm
-        return replace(self, max_lit=count, max_fine=count, first_reach_mm=reach_mm, shift_mm=0.0)
+        return replace(self, max_lit=count, max_fine=count, first_reach_mm=reach_mm)
 
 
 @dataclass(frozen=True, slots=True)
