@@ -66,7 +66,11 @@ def runs_in(journal: Path) -> set[str]:
     if not journal.exists():
         return set()
     with closing(sqlite3.connect(f"file:{journal}?mode=ro", uri=True)) as db:
-        return {run for (run,) in db.execute("SELECT run FROM journal WHERE name = 'run_began'")}
+        try:
+            found = db.execute("SELECT run FROM journal WHERE name = 'run_began'").fetchall()
+        except sqlite3.OperationalError:  # just being made
+            return set()
+        return {run for (run,) in found}
 
 
 def cycles_s(folder: Path, parts: int, environment: dict[str, str] | None) -> list[float]:

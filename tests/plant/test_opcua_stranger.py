@@ -129,8 +129,8 @@ async def test_the_client_of_the_manual_starts_a_job(tmp_path: Path) -> None:
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
         )  # fmt: skip
         out, error = await ended(client)
+        assert client.returncode == 0, error
         order = (await bench.plant.orders())[0]
-    assert client.returncode == 0, error
     assert f"JobIdDataType(Id='{order.number}'), 0]" in out
     assert order.request.serials == ("SN-1",)
 
