@@ -35,6 +35,7 @@ from urllib.request import Request, urlopen
 
 import numpy as np
 from bench import EMULATED, ROOT, Arguments, note, show
+from pymodbus import ModbusException
 from pymodbus.client import ModbusTcpClient
 from results_bench import RunWriter, verdict, view
 
@@ -174,13 +175,14 @@ def ask_plc(port: int, arrivals: Arrivals) -> Callable[[], None]:
         nonlocal has_acknowledged
         if not plc.connected and not plc.connect():  # not ready yet
             return
-        registers = plc.read_holding_registers(0, count=10).registers
-        is_valid = bool(registers[1] >> 3 & 1)
-        if is_valid and not has_acknowledged:
-            arrivals.note_number("plc", registers[8] << 16 | registers[9])
-        if is_valid != has_acknowledged:
-            has_acknowledged = is_valid
-            plc.write_register(100, 4 * is_valid)
+        with suppress(ModbusException):  # the bridge may be gone already
+            registers = plc.read_holding_registers(0, count=10).registers
+            is_valid = bool(registers[1] >> 3 & 1)
+            if is_valid and not has_acknowledged:
+                arrivals.note_number("plc", registers[8] << 16 | registers[9])
+            if is_valid != has_acknowledged:
+                plc.write_register(100, 4 * is_valid)
+                has_acknowledged = is_valid
 
     return look
 
