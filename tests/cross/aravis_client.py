@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 FRAME_PATIENCE_US = 60_000_000  # on a busy machine; a frame takes hundredths of a second
 SUCCESS = 0
+NO_PACKET_SOCKET = 1
 SOFTWARE = {"TriggerSelector": "FrameStart", "TriggerSource": "Software", "TriggerMode": "On"}
 STEADY: dict[str, float | str] = {"ExposureAuto": "Off", "GainAuto": "Off", "Gamma": 1.0}
 
@@ -120,6 +121,9 @@ class AravisCamera:
 
     def start(self, buffer_count: int = 3) -> None:
         """Open the stream, give it buffers, and start the acquisition."""
+        # Its packet socket is opened by its thread, on a busy machine after the first frame's
+        # leader; a UDP socket is there when the stream is.
+        self._lib.arv_camera_gv_set_stream_options(self._camera, NO_PACKET_SOCKET)
         self._stream = self._call("camera_create_stream", None, None, on=self._camera)
         for _ in range(buffer_count):
             size = ctypes.c_size_t(self.number("PayloadSize"))
