@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from xdist.workermanage import WorkerController
 
 HERE = Path(__file__).parent
-# CPU seconds of each unit of one and more, as `benchmarks/bench_suite.py --keep` last wrote them
+# CPU seconds of each unit of one and more, as `benchmarks/bench_suite.py --keep` last wrote them;
+# of units that came since, the seconds that pytest gave in a run of the gate
 TYPICAL = HERE / "data" / "typical_seconds.json"
 SPECIAL = frozenset({"slow", "kernel", "hardware"})  # marks of tests that ask for more than a file
 SHORT_CPU_S = 2.0  # what a file may take that is run on a second Python, too: 250 of 315 do
