@@ -1,12 +1,15 @@
-"""Emulated devices of a program without a cell, steered by JSON lines: state out, orders in."""
+"""Programs of emulated devices without a cell: one alone, or steered by JSON lines."""
 
+import argparse
 import asyncio
 import contextlib
 import json
 import signal
 import sys
 from collections.abc import Callable, Coroutine
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
+
+PORT: Final = 5020  # of a device served alone
 
 
 class Running(Protocol):
@@ -58,3 +61,27 @@ def run_until_told(work: Coroutine[Any, Any, None]) -> None:
             await main
 
     asyncio.run(until_told())
+
+
+def serve_alone(
+    serve: Callable[[int], contextlib.AbstractAsyncContextManager[str]], about: str | None
+) -> None:
+    """Serve one device at ``--port`` until the program is ended; print its address first.
+
+    Parameters
+    ----------
+    serve : serves the device on a port, 0 for a free one, and yields its address
+    about : what ``--help`` says
+    """
+    parser = argparse.ArgumentParser(description=about)
+    parser.add_argument("--port", type=int, default=PORT)
+    port = parser.parse_args().port
+
+    async def run() -> None:
+        async with serve(port) as address:
+            sys.stdout.write(f"{address}\n")
+            sys.stdout.flush()
+            await asyncio.get_running_loop().create_future()
+
+    with contextlib.suppress(KeyboardInterrupt):
+        run_until_told(run())

@@ -12,7 +12,7 @@ from controller.config import EMULATED_CELL, ConfigError
 from controller.setup.drivers import installed_drivers
 
 from ..inputs.checks import check_empty_folder
-from ..terminal.output import emit, print_line
+from .starter_project import tell_files
 
 TEMPLATES: Final = Path(__file__).parent / "starter" / "drivers"
 MODULE: Final = "controller.cli.project.starter.drivers."
@@ -110,12 +110,7 @@ def lay_out_driver(folder: Path, name: str, kind: str, *, as_json: bool) -> int:
         path = folder / file
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
-    if as_json:
-        emit({"event": "init", "folder": str(folder), "files": sorted(files)})
-        return 0
-    for file in sorted(files):
-        print_line(f"  {folder / file}")
-    print_line(f"Next: cd {folder}, then pip install -e '.[test]', pytest")
+    tell_files(folder, files, "pip install -e '.[test]', pytest", as_json=as_json)
     return 0
 
 

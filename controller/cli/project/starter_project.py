@@ -1,6 +1,7 @@
 """`cellctl init`: a new project from files that come with cellctl."""
 
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -42,11 +43,29 @@ def lay_out_project(folder: Path, *, as_json: bool) -> int:
     (folder / "cell.yaml").write_text(CELL_HEAD + cell, encoding="utf-8")
     for name, source in FILES.items():
         shutil.copyfile(source, folder / name)
-    written = sorted(("recipe.yaml", "cell.yaml", *FILES))
-    if as_json:
-        emit({"event": "init", "folder": str(folder), "files": written})
-        return 0
-    for name in written:
-        print_line(f"  {folder / name}")
-    print_line(f"Next: cd {folder}, then cellctl check, cellctl plan, cellctl run --speed 10")
+    tell_files(
+        folder,
+        ("recipe.yaml", "cell.yaml", *FILES),
+        "cellctl check, cellctl plan, cellctl run --speed 10",
+        as_json=as_json,
+    )
     return 0
+
+
+def tell_files(folder: Path, files: Iterable[str], next_steps: str, *, as_json: bool) -> None:
+    """Print the files that were laid out.
+
+    Parameters
+    ----------
+    folder : where they are
+    files : their names in it
+    next_steps : commands for a person to give there
+    as_json : print one JSON object instead of lines
+    """
+    names = sorted(files)
+    if as_json:
+        emit({"event": "init", "folder": str(folder), "files": names})
+        return
+    for name in names:
+        print_line(f"  {folder / name}")
+    print_line(f"Next: cd {folder}, then {next_steps}")

@@ -4,13 +4,12 @@ It shares no constant with the driver: what both have misread alike no test woul
 `python -m controller.cli.project.starter.drivers.lights.emulator`.
 """
 
-import argparse
-import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 
 from emulators.clock import WorldClock
 from emulators.modbus import Bus, Point, PointMap, TcpServer
+from emulators.steered import serve_alone
 
 
 class AcmeDevice:
@@ -53,18 +52,9 @@ async def serve(device: AcmeDevice, port: int = 0) -> AsyncIterator[str]:
         await server.aclose()
 
 
-async def _run(port: int) -> None:
-    async with serve(AcmeDevice(), port) as address:
-        print(address, flush=True)
-        await asyncio.get_running_loop().create_future()
-
-
 def main() -> None:
     """Serve one until it is ended."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--port", type=int, default=5020)
-    with suppress(KeyboardInterrupt):
-        asyncio.run(_run(parser.parse_args().port))
+    serve_alone(lambda port: serve(AcmeDevice(), port), __doc__)
 
 
 if __name__ == "__main__":
