@@ -189,8 +189,8 @@ def _chosen(
         dropped.append((good.pop(worst), why))
     used = [estimates[i] for i in good]
     vector, shares = _mean(used, settings)
-    is_twice = _has_two(used, settings)
-    is_sure = is_proven = is_twice or any(e.look.lamp == BACKLIT for e in used)
+    is_twice, is_backlit = _has_two(used, settings), any(e.look.lamp == BACKLIT for e in used)
+    is_sure = is_proven = is_twice or is_backlit
     if not is_proven:
         if _is_outvoted(used, estimates, vector):
             return None
@@ -206,9 +206,7 @@ def _chosen(
         shares = {name: share * scale for name, share in shares.items()}
     views = tuple(dict.fromkeys(e.look.view_id for e in used))
     # Of three looks at a textured edge two may err alike, and leave out the one that is right.
-    is_enough = any(e.look.lamp == BACKLIT for e in used) or (
-        is_twice and len(dropped) < MAX_DROPPED * count
-    )
+    is_enough = is_backlit or (is_twice and len(dropped) < MAX_DROPPED * count)
     return _Mean(vector, shares, reason, is_twice, is_enough, True, views, tuple(dropped))
 
 
