@@ -67,7 +67,8 @@ class Run:
     def __init__(self, block: Block, wired: tuple[str, ...] = ALL) -> None:
         self.record = BatchRecord(cast(Journal, None), RunProgress(), lambda: self.signals.note())
         outputs: SignalOutputs = block
-        self.signals = PlcSignals(outputs, wired, self.record, CellClock(1000.0))
+        self.clock = CellClock(1000.0)
+        self.signals = PlcSignals(outputs, wired, self.record, self.clock)
 
     def done(self, tray: str | None) -> None:
         self.record.part = PartRecord(number=self.record.part.number + 1, tray=tray)
@@ -180,7 +181,7 @@ async def test_whatever_a_run_does_each_part_is_told_once_at_most_and_never_wron
                     run.record.part = PartRecord(run.record.part.number + 1)
                 run.record.show_state(STATES[rng.integers(len(STATES))])
             async with asyncio.timeout(10.0):
-                await run.signals._clock.sleep(float(rng.choice([0.0, 0.1, 1.0])))
+                await run.clock.sleep(float(rng.choice([0.0, 0.1, 1.0])))
     assert not any(block.on.values()) or failing  # else the block's watchdog opens them
     assert not any(one["accept"] and one["reject"] for one in block.seen)
     told = told_in(block.seen)
