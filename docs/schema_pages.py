@@ -187,10 +187,11 @@ class Book:
             for key, one in keys_of(section):
                 at = f"{path}.{key}".lstrip(".")
                 for name, suffix in refs_in(one):
-                    is_new = name not in self.paths
-                    self.paths.setdefault(name, []).append(at + suffix)
-                    if is_new:
+                    known = self.paths.setdefault(name, [])
+                    if not known:
                         waiting.append((at + suffix, self.schema["$defs"][name]))
+                    if at + suffix not in known:  # one key may have a section of several kinds
+                        known.append(at + suffix)
 
     def text(self) -> str:
         """Tables of all sections."""
