@@ -2,26 +2,17 @@
 
 from .candidates import propose_partial
 from .cluster import CELL_PX, Cluster
-from .fits import GOES_ON_MM, PartialFit, fit_partial
-from .parts import (
-    BURIED_CELLS,
-    BURIED_MM,
-    BURIED_SHARE,
-    Explained,
-    PartialLimits,
-    PartPlace,
-    explain_cluster,
-)
+from .depths import BURIED_CELLS, Depths, leaving_depths, lines_in_both
+from .fits import PartialFit, fit_partial
+from .parts import Explained, PartialLimits, PartPlace, explain_cluster
 from .planar import predicted_shares, shares_met
 from .together import are_one_place, best_set, by_place
 
 __all__ = [
     "BURIED_CELLS",
-    "BURIED_MM",
-    "BURIED_SHARE",
     "CELL_PX",
-    "GOES_ON_MM",
     "Cluster",
+    "Depths",
     "Explained",
     "PartPlace",
     "PartialFit",
@@ -31,6 +22,8 @@ __all__ = [
     "by_place",
     "explain_cluster",
     "fit_partial",
+    "leaving_depths",
+    "lines_in_both",
     "predicted_shares",
     "propose_partial",
     "shares_met",

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray, FloatArray
-from controller.imaging import inverse_pose, transform
+from controller.imaging import meet_part
 
 from ..fitting import (
     FAR_PX,
@@ -32,6 +32,7 @@ from ..fitting import (
 )
 from ..library import Candidate, Library, pose_on_table
 from .cluster import CELL_PX, Cluster
+from .depths import Depths, leaving_depths
 
 COVERED_PX = 2.0  # distance outside an outline where the cluster goes on if something covers it
 # distance from the end of a covered stretch: a narrow wedge of light fills up with blur
@@ -45,7 +46,6 @@ THICK_MM, THICK_SHARE = 6.0, 0.5  # of what covers it, and of the stretch that i
 COARSE_SAMPLES, SAMPLES = 250, 600
 # Score of a fit with nine tenths of its points within NEAR_PX; 93 accepted fits had 0.946.
 COARSE_SHARE = 0.73
-GOES_ON_MM = 8.0  # depth below the table from which lines of sight are traced back
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ class PartialFit:
         return EdgeFit(fit.T_world_part, fit.edges.at(free), gaps, fit.sigma_px, fit.covariance)
 
     @cached_property
-    def depths(self) -> tuple[FloatArray, FloatArray]:
+    def depths(self) -> Depths:
         """Depths (n,) where the lines of sight enter and leave the part, nan where they miss it."""
         lines, _, _ = self.cluster.cells
         x0, y0, _, _ = self.cluster.region.box_px
@@ -128,19 +128,11 @@ class PartialFit:
         cell = self.cluster.cells[1][:, ::-1]
         asked = np.flatnonzero(((cell >= low) & (cell <= high)).all(axis=1))
         enter, leave = np.full(len(lines), np.nan), np.full(len(lines), np.nan)
-        eye = self.cluster.camera.position_mm
-        T = inverse_pose(self.fit.T_world_part)
-        some = lines[asked]
-        # from below the table back to the eye, where the line leaves is met first
-        whole = (eye[2] + GOES_ON_MM) / -some[:, 2]
-        begin, way = transform(T, eye[None])[0], some @ T[:3, :3].T
-        triangle, far = self.model.caster.first_hit(begin, way)
-        hit = triangle >= 0
-        enter[asked[hit]] = far[hit]
-        last = begin + whole[:, None] * way
-        triangle, back = self.model.caster.first_hit(last[hit], -way[hit])
-        met = triangle >= 0
-        leave[asked[hit]] = np.where(met, whole[hit] - back, far[hit])
+        T, eye = self.fit.T_world_part, self.cluster.camera.position_mm
+        triangle, far = meet_part(self.model.caster, T, eye, lines[asked])
+        hit = asked[triangle >= 0]
+        enter[hit] = far[triangle >= 0]
+        leave[hit] = leaving_depths(self.model, T, eye, lines[hit], enter[hit])
         return enter, leave
 
     def lacks_cover(self, others: Sequence["PartialFit"]) -> bool:

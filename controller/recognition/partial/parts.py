@@ -17,14 +17,12 @@ from ..fitting import MAX_MISFIT_PX
 from ..library import Candidate, Library
 from .candidates import propose_partial
 from .cluster import CELL_PX, Cluster
+from .depths import lines_in_both
 from .fits import FIRST_MM, PartialFit, fit_partial
 from .planar import predicted_shares
 from .together import best_set, by_place
 
 SAME_SHADOW = 0.7  # common share of the cells of two shadows from which two poses are one place
-BURIED_MM = 1.5  # overlap along a line of sight from which two parts are in one place
-BURIED_SHARE = 0.02  # least share of the smaller shadow
-BURIED_CELLS = 6
 PART_COST = 24  # outline points of the cluster, about 6 mm, that another part must explain
 # distance outside a part's outline within which its own outline would have been found
 ABOUT_PX = 8.0
@@ -177,12 +175,8 @@ def _not_buried(place: Sequence[PartialFit], others: Sequence[PartialFit]) -> li
 
 def are_buried(a: PartialFit, b: PartialFit) -> bool:
     """Return True if two parts overlap in space."""
-    (enter_a, leave_a), (enter_b, leave_b) = a.depths, b.depths
-    with np.errstate(invalid="ignore"):
-        shared = np.fmin(leave_a, leave_b) - np.fmax(enter_a, enter_b)
-        both = np.isfinite(enter_a) & np.isfinite(enter_b) & (shared > BURIED_MM)
-    smaller = min(int(a.shadow.sum()), int(b.shadow.sum()))
-    return int(both.sum()) > BURIED_CELLS + BURIED_SHARE * smaller
+    at, chance = lines_in_both(a.depths, b.depths)
+    return len(at) > chance
 
 
 def _gain(fit: PartialFit, points: float) -> float:

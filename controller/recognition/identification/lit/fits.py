@@ -31,7 +31,7 @@ from ...fitting import (
     shown_edges,
 )
 from ...library import Candidate
-from ...partial import BURIED_CELLS, BURIED_MM, BURIED_SHARE, CELL_PX, GOES_ON_MM
+from ...partial import BURIED_CELLS, CELL_PX, Depths, leaving_depths, lines_in_both
 from ..scores import FRONT, beyond_chance, probability
 
 HIDDEN_MM = 0.4  # distance by which something nearer the eye hides an edge
@@ -76,6 +76,12 @@ class LitCluster:
     def mm_per_px(self, x_mm: float, y_mm: float) -> float:
         """Return the size of a pixel on the table."""
         return self.camera.mm_per_px(np.array([x_mm, y_mm, 0.0]))
+
+    def cell_lines(self, at: IntArray) -> FloatArray:
+        """Return lines of sight (n, 3) of every `CELL_PX`-th pixel of the crop, by number (n,)."""
+        y, x = np.divmod(at, -(-self.mask.shape[1] // CELL_PX))
+        pixels = CELL_PX * np.column_stack([x, y]).astype(np.float64) + self.box_px[:2]
+        return self.camera.sight_lines(pixels)
 
     def index(self, pixels: FloatArray) -> tuple[IntArray, IntArray, BoolArray]:
         """Return rows and columns (n,) of pixels (n, 2) in the crop, and which are in it."""
@@ -299,22 +305,14 @@ class LitFit:
         return is_predicted(self.cluster.image_edges.points_px, edges, step_px)
 
     @cached_property
-    def leave_mm(self) -> FloatArray:
-        """Depth (h, w) of every `CELL_PX`-th pixel where lines of sight leave it; nan beside."""
-        cluster = self.cluster
-        enter = self.depth_mm[::CELL_PX, ::CELL_PX]
-        out = np.full(enter.shape, np.nan)
-        y, x = np.nonzero(np.isfinite(enter))
-        pixels = CELL_PX * np.column_stack([x, y]).astype(np.float64) + cluster.box_px[:2]
-        lines = cluster.camera.sight_lines(pixels)
-        eye = cluster.camera.position_mm
-        T = inverse_pose(self.fit.T_world_part)
-        # from below the table back to the eye, where the line leaves is met first
-        whole = (eye[2] + GOES_ON_MM) / -lines[:, 2]
-        begin, way = transform(T, eye[None])[0], lines @ T[:3, :3].T
-        triangle, back = self.model.caster.first_hit(begin + whole[:, None] * way, -way)
-        out[y, x] = np.where(triangle >= 0, whole - back, enter[y, x])
-        return out
+    def depths(self) -> Depths:
+        """Depths where the lines of sight of `LitCluster.cell_lines` enter and leave the part."""
+        enter = self.depth_mm[::CELL_PX, ::CELL_PX].ravel()
+        leave = np.full(enter.shape, np.nan)
+        hit = np.flatnonzero(np.isfinite(enter))
+        lines, eye = self.cluster.cell_lines(hit), self.cluster.camera.position_mm
+        leave[hit] = leaving_depths(self.model, self.T, eye, lines, enter[hit])
+        return enter, leave
 
     def holds(self, points_mm: FloatArray) -> BoolArray:
         """Return a mask (n,) of the points (n, 3) of the world inside the part."""
@@ -345,22 +343,16 @@ def _meet(a: tuple[int, ...], b: tuple[int, ...], reach_px: float) -> bool:
 
 def are_in_one_place(a: LitFit, b: LitFit) -> bool:
     """Return True if two parts overlap in space."""
-    enter_a, enter_b = (one.depth_mm[::CELL_PX, ::CELL_PX] for one in (a, b))
-    with np.errstate(invalid="ignore"):
-        first, last = np.maximum(enter_a, enter_b), np.minimum(a.leave_mm, b.leave_mm)
-        at = np.flatnonzero((last - first).ravel() > BURIED_MM)
-    smaller = min(int(np.isfinite(enter_a).sum()), int(np.isfinite(enter_b).sum()))
-    least = BURIED_CELLS + BURIED_SHARE * smaller
-    if len(at) <= least:
+    at, chance = lines_in_both(a.depths, b.depths)
+    if len(at) <= chance:
         return False
     # between where a line enters a part and leaves it there may be hollows
-    y, x = np.divmod(at, enter_a.shape[1])
-    pixels = CELL_PX * np.column_stack([x, y]).astype(np.float64) + a.cluster.box_px[:2]
-    camera = a.cluster.camera
-    lines = camera.sight_lines(pixels)
-    first, shared = first.ravel()[at], (last - first).ravel()[at]
+    (enter_a, leave_a), (enter_b, leave_b) = a.depths, b.depths
+    first = np.maximum(enter_a[at], enter_b[at])
+    shared = np.minimum(leave_a[at], leave_b[at]) - first
+    lines, eye = a.cluster.cell_lines(at), a.cluster.camera.position_mm
     is_buried = np.zeros(len(at), dtype=np.bool_)
     for share in PROBED:
-        points = camera.position_mm + (first + share * shared)[:, None] * lines
+        points = eye + (first + share * shared)[:, None] * lines
         is_buried |= a.holds(points) & b.holds(points)
-    return int(is_buried.sum()) > least
+    return int(is_buried.sum()) > chance
