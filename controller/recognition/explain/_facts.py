@@ -229,7 +229,7 @@ def _edge_states(
     h: Hypothesis, picture: Grey, camera: Camera, library: Library, *, is_backlit: bool
 ) -> tuple[EdgeState, ...]:
     edges = h.fit.edges
-    found = np.abs(np.nan_to_num(h.fit.gaps.gap_px, nan=99.0)) < NEAR_PX
+    found = h.fit.off_px < NEAR_PX
     if not is_backlit:
         faint = (np.abs(edges.lift) < FAINT_LIFT) & (edges.jump_mm < FAINT_JUMP_MM)
         every = np.ones(len(found), dtype=np.bool_)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from controller.arrays import FloatArray
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import StablePose
 from controller.imaging import Camera, transform
 
@@ -29,6 +29,7 @@ CORRELATED_MM = 3.0  # edge points nearer than this share their errors: blur, pi
 # error of the camera's calibration, which remains however many edges there are
 CALIBRATION_MM = 0.02
 FINE_REACH_MM = (1.5, 0.8)  # rounds of a full fit: offsets that a coarse one leaves
+UNSEEN_PX = 99.0  # distance of an edge that is not seen: farther than any that counts
 CLOSE_PX = 2.0  # offset of an edge that counts 0.6 in a coarse score
 TILT_RAD = 0.0015  # standard deviation of the table's tilt, and of what a chip under a part makes
 # The same of a part that rests on a curve, which friction holds beside its lowest place; under
@@ -119,16 +120,25 @@ class EdgeFit:
     covariance: FloatArray
 
     @property
+    def off_px(self) -> FloatArray:
+        """Distance of each predicted edge (n,) from the one seen; `UNSEEN_PX` for none."""
+        return np.abs(np.nan_to_num(self.gaps.gap_px, nan=UNSEEN_PX))
+
+    @property
     def closeness(self) -> FloatArray:
         """Nearness of each predicted edge (n,) to one seen, 0..1."""
-        off = np.nan_to_num(self.gaps.gap_px, nan=99.0)
-        return np.asarray(np.exp(-0.5 * (off / CLOSE_PX) ** 2))
+        return np.asarray(np.exp(-0.5 * (self.off_px / CLOSE_PX) ** 2))
 
     @property
     def score(self) -> float:
         """Share of predicted edges that are about where they should be, by their weight."""
         weight = self.gaps.weight
         return float((self.closeness * weight).sum() / max(weight.sum(), 1e-9))
+
+    def at(self, which: BoolArray) -> "EdgeFit":
+        """Return the fit with only the edges of a mask (n,)."""
+        gaps = Gaps(self.gaps.gap_px[which], self.gaps.weight[which])
+        return replace(self, edges=self.edges.at(which), gaps=gaps)
 
 
 def fit_edges(

@@ -20,11 +20,11 @@ from controller.imaging import meet_part
 
 from ..fitting import (
     FAR_PX,
+    FINE_REACH_MM,
     NEAR_PX,
     EdgeFit,
     EdgeModel,
     FitOptions,
-    Gaps,
     ModelEdgePoints,
     at_rest_in,
     fit_edges,
@@ -99,8 +99,7 @@ class PartialFit:
     @property
     def misfit_px(self) -> float:
         """Root mean square distance of the free outline; a missing point counts `FAR_PX`."""
-        off = np.fmin(np.abs(self.fit.gaps.gap_px), FAR_PX)
-        off = np.where(self.is_found, off, FAR_PX)[~self.is_covered]
+        off = np.where(self.is_found, self.fit.off_px, FAR_PX)[~self.is_covered]
         return float(np.sqrt(np.mean(off**2))) if len(off) else FAR_PX
 
     @property
@@ -113,10 +112,7 @@ class PartialFit:
     @cached_property
     def free_fit(self) -> EdgeFit:
         """The fit to the uncovered edges alone."""
-        free = ~self.is_covered
-        fit = self.fit
-        gaps = Gaps(fit.gaps.gap_px[free], fit.gaps.weight[free])
-        return EdgeFit(fit.T_world_part, fit.edges.at(free), gaps, fit.sigma_px, fit.covariance)
+        return self.fit.at(~self.is_covered)
 
     @cached_property
     def depths(self) -> Depths:
@@ -183,7 +179,7 @@ def fit_partial(candidate: Candidate, cluster: Cluster, library: Library) -> Par
     if fit is None or _nearness(fit, cluster) < COARSE_SHARE:
         return None
     fine = FitOptions(
-        reach_px=(1.5 / mm_per_px, 0.8 / mm_per_px),
+        reach_px=tuple(mm / mm_per_px for mm in FINE_REACH_MM),
         steps=3,
         prior=at_rest_in(pose, is_lit=False),
         most=SAMPLES,
@@ -191,7 +187,7 @@ def fit_partial(candidate: Candidate, cluster: Cluster, library: Library) -> Par
     fit = fit_edges(model, fit.T_world_part, cluster.camera, cluster.measure, fine)
     if fit is None:
         return None
-    found = np.abs(np.nan_to_num(fit.gaps.gap_px, nan=99.0)) < NEAR_PX
+    found = fit.off_px < NEAR_PX
     covered, beyond = _covered(fit.edges, cluster)
     beyond &= ~found
     covered &= ~found & ~beyond
@@ -208,7 +204,7 @@ def _nearness(fit: EdgeFit, cluster: Cluster) -> float:
     """Return the share of free predicted edges found about in place."""
     near = fit.closeness
     covered, beyond = _covered(fit.edges, cluster)
-    free = ~(covered | beyond) | (np.abs(fit.gaps.gap_px) < FAR_PX)
+    free = ~(covered | beyond) | (fit.off_px < FAR_PX)
     return float(near[free].mean()) if free.mean() > 0.2 else 0.0
 
 

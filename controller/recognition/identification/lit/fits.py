@@ -19,7 +19,6 @@ from ...fitting import (
     EdgeFit,
     EdgeModel,
     Evidence,
-    Gaps,
     GreyMeasure,
     ImageEdges,
     Shading,
@@ -208,9 +207,7 @@ class LitFit:
 
     def seen_fit(self, others: Sequence["LitFit"]) -> EdgeFit:
         """Return the fit with only those edges that no other part hides."""
-        seen, fit = ~self.is_hidden(others), self.fit
-        gaps = Gaps(fit.gaps.gap_px[seen], fit.gaps.weight[seen])
-        return EdgeFit(fit.T_world_part, fit.edges.at(seen), gaps, fit.sigma_px, fit.covariance)
+        return self.fit.at(~self.is_hidden(others))
 
     def has_ends(self, seen: EdgeFit, shown: tuple[FloatArray, float] | None = None) -> bool:
         """Return True if the picture shows those edges that do not run along a curved surface.
@@ -227,7 +224,7 @@ class LitFit:
         beside = edges.pixels - np.where(edges.on_outline, WITHIN_PX, 0.0)[:, None] * edges.normals
         along = are_highlights(self.model, self.T, camera, beside, edges.normals)
         weight = np.where(along, 0.0, seen.gaps.weight)
-        is_there = np.abs(np.nan_to_num(seen.gaps.gap_px, nan=99.0)) < NEAR_PX
+        is_there = seen.off_px < NEAR_PX
         total = float(weight.sum())
         share = float((weight * is_there).sum()) / max(total, 1e-9)
         if shown is not None:

@@ -325,7 +325,7 @@ def _is_overlaid(fit: LitFit, others: Sequence[LitFit], pieces: Sequence[BoolArr
     left = np.any(pieces, axis=0).astype(np.uint8)
     near = cv2.dilate(left, np.ones((3, 3), np.uint8)) > 0
     seen = fit.seen_fit(others)
-    off = np.abs(np.nan_to_num(seen.gaps.gap_px, nan=99.0)) > OVERLAID_PX
+    off = seen.off_px > OVERLAID_PX
     y, x, is_in = fit.cluster.index(seen.edges.pixels)
     missing = off & seen.edges.on_outline & is_in & near[y, x]
     return bool(missing.sum() * seen.edges.step_mm > OVERLAID_MM)
