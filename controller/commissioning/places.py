@@ -21,11 +21,6 @@ CORNERS: Final[tuple[Corner, ...]] = ((1, -1), (-1, -1), (1, 1), (-1, 1))
 # plane
 _EVEN: Final = 1.0 / np.sqrt(12.0)
 _HALF_95: Final = 1.2239
-_LEVER_MM: Final = 300.0  # weighs turns against shifts
-_STEP: Final = 1e-5  # of a joint, for derivatives [rad, mm]
-_DAMPING: Final = 1e-9
-_SHIFT_STEPS: Final = 8
-_SHIFTED: Final = 1e-5  # what may be left [rad, or of `_LEVER_MM`]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,45 +142,6 @@ def play_uncertainty_mm(
         turned = np.asarray(q) + turn * radians(play_deg.get(motor, 0.0)) * _EVEN
         total += float(np.sum((tcp_pose(layout, turned)[:2, 3] - here) ** 2))
     return float(np.sqrt(total))
-
-
-def shifted(layout: CellLayout, q: FloatArray, by_mm: FloatArray) -> FloatArray:
-    """Return joints (n, 6) near others with the TCP elsewhere and turned as it was; NaN if none.
-
-    By Newton's steps, so that a joint that its pose leaves free stays where it is.
-
-    Parameters
-    ----------
-    layout : layout of the cell
-    q : (n, 6) joints
-    by_mm : (3,) shift of the TCP in the world
-    """
-    rows = np.array(q, dtype=np.float64)
-    goal = tcp_pose(layout, rows)
-    goal[:, :3, 3] += by_mm
-    for _ in range(_SHIFT_STEPS):
-        here = tcp_pose(layout, rows)
-        error = _apart(here, goal)
-        jac = np.stack(
-            [
-                _apart(here, tcp_pose(layout, rows + d)) / _STEP
-                for d in _STEP * np.eye(rows.shape[1])
-            ],
-            axis=2,
-        )
-        square = jac @ np.swapaxes(jac, 1, 2) + _DAMPING * np.eye(6)
-        step = np.swapaxes(jac, 1, 2) @ np.linalg.solve(square, error[..., None])
-        rows = rows + step[..., 0]
-    off = np.linalg.norm(_apart(tcp_pose(layout, rows), goal), axis=1)
-    out: FloatArray = np.where((off < _SHIFTED)[:, None], rows, np.nan)
-    return out
-
-
-def _apart(here: FloatArray, there: FloatArray) -> FloatArray:
-    """Return shift over `_LEVER_MM` and turn [rad] (n, 6) between near poses (n, 4, 4)."""
-    R = there[:, :3, :3] @ np.swapaxes(here[:, :3, :3], 1, 2)
-    turn = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], 1)
-    return np.concatenate([(there[:, :3, 3] - here[:, :3, 3]) / _LEVER_MM, turn / 2.0], axis=1)
 
 
 def aim_uncertainty(guided_mm: float, count: int) -> float:

@@ -13,9 +13,8 @@ from controller.commissioning.places import (
     fit_plane,
     locate_tray,
     play_uncertainty_mm,
-    shifted,
 )
-from controller.commissioning.reach import rows_down
+from controller.commissioning.reach import rows_down, shifted
 from controller.config import Cell, load_yaml
 from controller.planning.motion import tcp_pose
 from controller.setup.layout import build_layout

@@ -1,8 +1,4 @@
-"""The goal of a jog: configurations near by, by the arm's model, and reasons against one.
-
-Forward kinematics are followed numerically from the arm's position, so that no elbow changes sides,
-and a joint that a pose leaves free stays in place. Arrays in, arrays out.
-"""
+"""The goal of a jog: configurations near by, and reasons against one. Arrays in, arrays out."""
 
 from math import radians
 from typing import Final
@@ -11,16 +7,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from controller.arrays import FloatArray
+from controller.commissioning.reach import near_rows
 from controller.planning.model import JOINT_COUNT, ArmModel, CellLayout
 from controller.planning.motion import END_MARGIN_MM, Scene, path_free, slides, tcp_pose
 
 from ...errors import CellError
 
-LEVER_MM: Final = 200.0  # mm that one radian counts as: about the distance from wrist to part
-_TRIES: Final = 40
-_NEAR_MM: Final = 0.01
-# a direction that needs joints to go a thousand times as far counts as unreachable
-_WEAK: Final = 1e-3
 # Largest distance of a joint move from the straight line ordered.
 STRAY_MM: Final = 1.0
 STRAY_SHARE: Final = 0.1
@@ -108,18 +100,8 @@ def near_by(layout: CellLayout, q_from: FloatArray, T_world_tcp: FloatArray) -> 
     ------
     RefusedMotionError : there is none, or the TCP would not go straight to it
     """
-    weights = np.where(slides(layout.arm), 1.0, 1.0 / LEVER_MM)
-    q = q_from.copy()
-    for _ in range(_TRIES):
-        off = _twist(tcp_pose(layout, q), T_world_tcp)
-        if np.linalg.norm(off) < _NEAR_MM:
-            break
-        steps = 1e-4 * np.diag(weights) * LEVER_MM
-        ahead, behind = tcp_pose(layout, q + steps), tcp_pose(layout, q - steps)
-        jacobian = np.stack([_twist(b, a) for a, b in zip(ahead, behind, strict=True)], axis=1)
-        jacobian /= 2e-4 * LEVER_MM
-        q = q + weights * np.linalg.lstsq(jacobian, off, rcond=_WEAK)[0]
-    else:
+    q: FloatArray = near_rows(layout, q_from[None], T_world_tcp[None])[0]
+    if np.isnan(q).any():
         raise RefusedMotionError(
             "no nearby configuration brings the TCP there: the arm is at the end of its "
             "reach, or cannot turn that way; move it by its joints"
@@ -197,9 +179,3 @@ def _what_is_near(scene: Scene, rows: FloatArray) -> str:
         if (found >= 0).any():
             return scene.names()[int(found[found >= 0][0])]
     return "an obstacle on its path"
-
-
-def _twist(T_from: FloatArray, T_to: FloatArray) -> FloatArray:
-    """Return the twist from one pose to another (6,): shift [mm], rotation [rad x lever]."""
-    turn = Rotation.from_matrix(T_to[:3, :3] @ T_from[:3, :3].T).as_rotvec()
-    return np.concatenate([T_to[:3, 3] - T_from[:3, 3], LEVER_MM * turn])
