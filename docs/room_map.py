@@ -28,12 +28,13 @@ CONTRACT: Final = "imports of the controller run downwards"
 WIDTH: Final = 1000
 MARGIN: Final = 14
 PAD: Final = 12
+ABREAST: Final = 2  # rooms of a layer in a row; more would leave their text a column of words
 GAP: Final = 16  # between layers, where arrows run
 CLOSE: Final = 6  # between rooms of one layer, one above the other
 BESIDE: Final = 10  # between rooms of one layer, side by side
 BETWEEN: Final = 40  # the frames of drivers and emulators
 GUTTER: Final = 34  # beside the controller's layers, for arrows that pass some of them
-LANE: Final = 9  # between arrows of one gutter
+LANE: Final = 8  # between arrows of one gutter
 HEAD: Final = 46  # of a frame, with its name and purpose
 ONE_LINE: Final = 28  # a room with one line of text
 FIRST: Final = 19  # from the top of a room to its first line
@@ -370,7 +371,8 @@ def controller_drawn(graph: Graph, layers: Rows, y: float) -> tuple[list[str], f
     inside = {room for row in layers for room in row}
     edges = reduced({room: graph[room] & inside for room in inside})
     left, right = MARGIN + GUTTER, WIDTH - MARGIN - GUTTER
-    boxes = placed(ordered(layers, edges), left, y + HEAD, right - left)
+    rows = [layer[n : n + ABREAST] for layer in layers for n in range(0, len(layer), ABREAST)]
+    boxes = placed(ordered(rows, edges), left, y + HEAD, right - left)
     drawn = list(arrows(boxes, edges, left, right))
     end = max(box.bottom for box in boxes.values())
     outside = sorted(one for one in graph if one.startswith("controller.") and one not in inside)
@@ -502,7 +504,12 @@ def drawing() -> str:
             *controller,
             *devices,
             arrow((at, end), (at, end + 2 * GAP)),
-            text(at + PAD, end + GAP + 4, f"imported by {', '.join(users)}", "note"),
+            *(
+                text(at + PAD, end + FIRST - 6 + LINE * number, line, "note")
+                for number, line in enumerate(
+                    wrapped(f"imported by {', '.join(users)}", wires_at - at - 2 * PAD)
+                )
+            ),
             text(wires_at, end + GAP + 4, WIRES, "note"),
             "</svg>",
             "",

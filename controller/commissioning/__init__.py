@@ -1,5 +1,4 @@
-"""Camera calibration and siting: the cameras as built, and the best places for the devices.
+"""Calibration of cameras, arm, grippers and lamps: the cell as built, from pictures and touches.
 
-Import each room by itself: `calibration` turns pictures of a board into a camera, `siting` compares
-positions of the inspection camera and the fixed gripper.
+Each room is imported by itself: `calibration` turns pictures of a board into a camera.
 """

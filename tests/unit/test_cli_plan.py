@@ -22,13 +22,13 @@ from controller.cell.plans import planning as plans
 from controller.cli import main
 from controller.cli.planning import site
 from controller.cli.terminal import progress
-from controller.commissioning.siting import PartScore, SiteReport, SiteScore, site_of
 from controller.config import load_cell
 from controller.planning import Box, GraspRules, NotGraspableError, PlanOptions
 from controller.planning.planner import certificates
 from controller.results.plan_page import coverage, strip
 from controller.setup import planner
 from controller.setup.layout import build_layout
+from controller.siting import PartScore, SiteReport, SiteScore, site_of
 
 ROOT = Path(__file__).parents[2]
 CELL = ROOT / "recipes/cells/emulated.yaml"

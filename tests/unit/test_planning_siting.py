@@ -11,7 +11,10 @@ import trimesh
 from planning_cell import emulated_layout
 
 from controller.cad import Solid, make_solid, sample_surface
-from controller.commissioning.siting import (
+from controller.imaging import inverse_pose
+from controller.planning import Box, CellLayout, PlanOptions, PreparedPart, Tray, prepare_part
+from controller.planning.motion import tcp_pose
+from controller.siting import (
     CellSite,
     PartScore,
     SiteOptions,
@@ -22,26 +25,23 @@ from controller.commissioning.siting import (
     site_of,
     site_report,
 )
-from controller.commissioning.siting.checks.checked import passed_on
-from controller.commissioning.siting.checks.keepouts import (
+from controller.siting.checks.checked import passed_on
+from controller.siting.checks.keepouts import (
     glowing_area,
     standing_boxes,
     why_not_here,
 )
-from controller.commissioning.siting.checks.reach import shown_directions, sphere
-from controller.commissioning.siting.checks.visibility import links_in_sight
-from controller.commissioning.siting.report import least_moved
-from controller.commissioning.siting.score import value_of
-from controller.commissioning.siting.search.grids import (
+from controller.siting.checks.reach import shown_directions, sphere
+from controller.siting.checks.visibility import links_in_sight
+from controller.siting.report import least_moved
+from controller.siting.score import value_of
+from controller.siting.search.grids import (
     camera_grid,
     direction,
     fixed_gripper_frame,
     fixed_gripper_grid,
 )
-from controller.commissioning.siting.site import fellows_of, standoff_mm
-from controller.imaging import inverse_pose
-from controller.planning import Box, CellLayout, PlanOptions, PreparedPart, Tray, prepare_part
-from controller.planning.motion import tcp_pose
+from controller.siting.site import fellows_of, standoff_mm
 
 LAYOUT = emulated_layout()
 FELLOWS = fellows_of(LAYOUT)

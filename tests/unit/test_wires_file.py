@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.cell.wires import WireFileError, WireReader, WireWriter
+from controller.recorded_wires import WireFileError, WireReader, WireWriter
 
 Written = tuple[float, str, str, object, bytes]
 

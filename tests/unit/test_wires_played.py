@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from controller.cell.wires import WireReader, WireWriter
-from controller.cell.wires.cameras import PlayedCamera
-from controller.cell.wires.lines import OVERDUE_S, PlayedLine, Tape
-from controller.cell.wires.loop import WireLoop
+from controller.recorded_wires import WireReader, WireWriter
+from controller.recorded_wires.cameras import PlayedCamera
+from controller.recorded_wires.lines import OVERDUE_S, PlayedLine, Tape
+from controller.recorded_wires.loop import WireLoop
 from controller.virtual_time import NothingLeftError
 from drivers.clock import CellClock
 from drivers.errors import DeviceError, UnpluggedError

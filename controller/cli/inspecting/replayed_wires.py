@@ -5,7 +5,9 @@ from contextlib import closing
 from pathlib import Path
 from typing import Final
 
-from controller.cell.wires import (
+from controller.config import ConfigError, find_recipe
+from controller.processes import worker_pool
+from controller.recorded_wires import (
     Difference,
     Replayed,
     WireFileError,
@@ -13,8 +15,6 @@ from controller.cell.wires import (
     inputs_of,
     replay_wires,
 )
-from controller.config import ConfigError, find_recipe
-from controller.processes import worker_pool
 
 from ..terminal.output import emit, print_line, warn
 

@@ -11,16 +11,16 @@ from rich.table import Table
 
 from controller.cad.compiled import load_part
 from controller.cell.plans import PlanCache
-from controller.commissioning.siting import (
+from controller.config import load_cell
+from controller.setup.layout import build_layout
+from controller.setup.planner import planner_setup
+from controller.siting import (
     CellSite,
     SiteOptions,
     SiteReport,
     SiteScore,
     site_report,
 )
-from controller.config import load_cell
-from controller.setup.layout import build_layout
-from controller.setup.planner import planner_setup
 
 from ..inputs.part_files import PartFile
 from ..terminal.output import emit, print_line, stderr, stdout

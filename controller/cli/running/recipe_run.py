@@ -35,7 +35,6 @@ from controller.cell.devices.clocks import FoundClock, devices_with_time, find_c
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.cell.devices.lock import hold_cell, require_free_cell
 from controller.cell.operator import Operator
-from controller.cell.wires import Recorder, WireFileError, WireWriter
 from controller.config import Cell, ConfigError, load_cell
 from controller.processes import worker_pool
 from controller.results.run import ResultsError, load_run
@@ -395,6 +394,8 @@ def _recorded(path: Path | None, order: RunOrder) -> Iterator[Outfit]:
     if path is None:
         yield HOST
         return
+    from controller.recorded_wires import Recorder, WireFileError, WireWriter
+
     try:
         recorder = Recorder(WireWriter(path))
     except WireFileError as error:

@@ -1,8 +1,8 @@
 """All wires of a run in one file, and a run played back from it (docs/wires.md, ADR 46).
 
-`file.py` writes and reads the file, `recording.py` is the tap that fills it. `playing.py` answers
-drivers from it and finds the first difference: `lines.py` for lines of bytes, `cameras.py` for
-cameras, `loop.py` is the event loop on the recording's time. `replaying.py` runs a batch on these.
+`recording.py` is the tap that fills the file (`drivers.wire_file`). `lines.py` and `cameras.py`
+answer drivers from it and find the first difference, `loop.py` is the event loop on the
+recording's time. `replaying.py` runs a batch on these.
 """
 
 from drivers.wire_file import WireFileError, WireReader, WireWriter
