@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from stories import play
 
-from controller.cell.commissioning import CommissioningSession, CommissionOrder, due
-from controller.cell.commissioning.person import HELPER
+from controller.bring_up import CommissioningSession, CommissionOrder, due
+from controller.bring_up.person import HELPER
+from controller.bring_up.procedure import CommissioningFolder, StepEnd, StepRecord, StepStatus
 from controller.cell.devices.clocks import FoundClock
 from controller.cell.operator import NOBODY, Answer, Operator, Question
-from controller.commissioning.procedure import CommissioningFolder, StepEnd, StepRecord, StepStatus
 from controller.config import ConfigError
 from emulators.umi_scara import Axis
 from simulation.cell import BEAT_S, SimulatedCell

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from stories import play
 
-from controller.cell.commissioning.dry import DryOrder, DryPlan, DrySession, LiftedStep
+from controller.bring_up.dry import DryOrder, DryPlan, DrySession, LiftedStep
+from controller.bring_up.procedure import StepEnd, StepRecord
 from controller.cell.devices.clocks import FoundClock
 from controller.cell.journal import JOURNAL_NAME, read_rows
 from controller.cell.operator import NOBODY
-from controller.commissioning.procedure import StepEnd, StepRecord
 from controller.config import load_cell
 from controller.results.report import report_json
 from controller.results.run import load_run

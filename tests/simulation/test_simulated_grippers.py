@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from stories import play
 
-from controller.cell.commissioning import CommissioningSession, CommissionOrder, Errand
-from controller.cell.commissioning.gauges import touching
-from controller.cell.commissioning.person import HELPER
-from controller.cell.commissioning.steps import grippers
+from controller.bring_up import CommissioningSession, CommissionOrder, Errand
+from controller.bring_up.gauges import touching
+from controller.bring_up.person import HELPER
+from controller.bring_up.procedure import CommissioningFolder, StepEnd, StepRecord
+from controller.bring_up.steps import grippers
 from controller.cell.devices.clocks import FoundClock
 from controller.cell.operator import Answer, Question
-from controller.commissioning.procedure import CommissioningFolder, StepEnd, StepRecord
 from controller.config import load_cell
 from controller.config.calibrations import FixedGripperCalibration, read_calibration
 from emulators.gripper_modbus import JawScale, RobotiqConfig

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from stories import play
 
-from controller.cell.commissioning.jogging import ArmReading, JogOrders, JogSession, TakenOver
+from controller.bring_up.jogging import ArmReading, JogOrders, JogSession, TakenOver
+from controller.bring_up.procedure import StepEnd, StepRecord
 from controller.cell.devices.clocks import FoundClock
 from controller.cell.operator import Answer, Question
-from controller.commissioning.procedure import StepEnd, StepRecord
 from controller.config import load_cell
 from emulators.umi_scara import COUNTS_PER_DEG, Axis
 from simulation.cell import BEAT_S, SimulatedCell

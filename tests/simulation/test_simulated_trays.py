@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller.cell.commissioning import CommissioningSession, CommissionOrder, Errand
-from controller.cell.commissioning.person import HELPER
+from controller.bring_up import CommissioningSession, CommissionOrder, Errand
+from controller.bring_up.person import HELPER
+from controller.bring_up.procedure import CommissioningFolder, StepEnd, StepRecord
 from controller.cell.devices.clocks import FoundClock
 from controller.cell.operator import Answer, Question
-from controller.commissioning.procedure import CommissioningFolder, StepEnd, StepRecord
 from controller.config import load_cell
 from simulation.cell import BEAT_S, Scene, SimulatedCell
 from simulation.loop import SimulatedLoop, SimulatedProcess

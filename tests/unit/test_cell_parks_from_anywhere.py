@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controller.bring_up.bench import Bench as CommissioningBench
 from controller.cell.actions import HomeAction
-from controller.cell.commissioning.bench import Bench as CommissioningBench
 from controller.cell.errors import PartProblemError
 from controller.cell.machine import Event, SafePoint
 from controller.cell.services.motion import sweeps_to_home

@@ -13,11 +13,11 @@ import pytest
 from planning_cell import emulated_layout
 from scipy.spatial.transform import Rotation
 
-from controller.cell.commissioning import StepFailedError
-from controller.cell.commissioning.gauges.holding import shake
+from controller.bring_up import StepFailedError
+from controller.bring_up.gauges.holding import shake
+from controller.bring_up.procedure import StepFigure
 from controller.commissioning.calibration import Charuco, FoundBoard, charuco_board
 from controller.commissioning.kinematics import BoardPicture, plate_faces
-from controller.commissioning.procedure import StepFigure
 from controller.commissioning.target import load_board
 
 LAYOUT = emulated_layout()

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from planning_cell import emulated_layout
 
-from controller.cell.commissioning.boards import HeldPlate, load_plate
-from controller.cell.commissioning.errors import StepFailedError
-from controller.cell.commissioning.proof import length_study
-from controller.cell.commissioning.proof.hand_off import hand_off_lines
-from controller.cell.commissioning.steps.verify import holds_of, mean_hold, plate_offs
+from controller.bring_up.boards import HeldPlate, load_plate
+from controller.bring_up.errors import StepFailedError
+from controller.bring_up.proof import length_study
+from controller.bring_up.proof.hand_off import hand_off_lines
+from controller.bring_up.steps.verify import holds_of, mean_hold, plate_offs
 from controller.commissioning.calibration import Charuco, FoundBoard, charuco_board
 from controller.commissioning.kinematics import BoardPicture, plate_faces
 from controller.commissioning.showing import ShowingRegion, showing

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controller.cell.commissioning.steps.light import lights_of, panel_mask, surfaces_of
+from controller.bring_up.steps.light import lights_of, panel_mask, surfaces_of
 from controller.commissioning.lamps import (
     PatternLamp,
     TooFewSamplesError,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.cell.commissioning import EmulatedPerson, Errand, Person, StepEvidence
+from controller.bring_up import EmulatedPerson, Errand, Person, StepEvidence
 from controller.cell.errors import CellError
 
 ERRAND = Errand(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from planning_cell import emulated_layout
 
-from controller.cell.commissioning.steps.trays import obstacle_words
+from controller.bring_up.steps.trays import obstacle_words
 from controller.commissioning.places import (
     CornerTouch,
     aim_uncertainty,

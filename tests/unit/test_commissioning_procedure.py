@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from controller.commissioning.procedure import (
+from controller.bring_up.procedure import (
     CommissioningFolder,
     StepEnd,
     StepFigure,

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from planning_cell import emulated_layout
 
-from controller.cell.commissioning.evidence import StepEvidence
-from controller.cell.commissioning.proof import ReachedPose, RecipeReach, check_reach
-from controller.cell.commissioning.steps.reach import judge
+from controller.bring_up.evidence import StepEvidence
+from controller.bring_up.procedure import worst_of
+from controller.bring_up.proof import ReachedPose, RecipeReach, check_reach
+from controller.bring_up.steps.reach import judge
 from controller.cli.commissioning.guided import recipes_beside
-from controller.commissioning.procedure import worst_of
 from controller.commissioning.reach import rows_down, unreached
 from controller.config import EMULATED_CELL, SHIPPED
 from controller.planning.geometry import Box

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from controller.cell.commissioning.dry import LiftedStep, dry_scene, lift_plan, motions_of
-from controller.cell.commissioning.jogging import near_by, shifted
+from controller.bring_up.dry import LiftedStep, dry_scene, lift_plan, motions_of
+from controller.bring_up.jogging import near_by, shifted
 from controller.config import load_cell
 from controller.planning import Look, Park, Pick, Plan, Proof, SetDown, Step
 from controller.planning.model import CellLayout

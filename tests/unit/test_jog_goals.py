@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from controller.cell.commissioning.jogging import (
+from controller.bring_up.jogging import (
     GRAMMAR,
     JogOrder,
     RefusedMotionError,

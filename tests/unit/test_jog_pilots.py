@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.cell.commissioning.jogging import read_order
+from controller.bring_up.jogging import read_order
 from controller.cell.operator import Choice, Question
 from controller.cli.commissioning.pilots import KEYS, KeyPilot, LinePilot, single_keys
 

@@ -256,17 +256,17 @@ REASONING = (
     "../drivers/umi_scara/motion/_moves.py", "../drivers/umi_scara/protocol/constants.py",
     "../drivers/ur_arm/protocol/modes.py",
     # calibrations, steps of commissioning, the doctor
-    "cli/devices/doctor_checks.py", "commissioning/procedure/_status.py",
+    "cli/devices/doctor_checks.py", "bring_up/procedure/_status.py",
     "config/calibrations/_standing.py",
 )  # fmt: skip
 # Whose errors a page may show within a sentence: as what stopped a run, as why a step failed.
 RAISING = (
-    "../drivers", "cell", "commissioning", "planning", "config/calibrations",
+    "../drivers", "bring_up", "cell", "commissioning", "planning", "config/calibrations",
 )  # fmt: skip
-# Whose errors are met at a terminal alone: replayed recordings, jogging, sheets to print.
+# Whose errors are met at a terminal alone: recorded lines, jogging, sheets to print.
 AT_A_TERMINAL = {
-    "_models.py", "_recorded.py", "jogger.py", "lines.py", "loop.py", "orders.py", "goals.py",
-    "replaying.py", "session.py", "sheets.py", "wire_file.py",
+    "_models.py", "_recorded.py", "jogger.py", "areas.py", "orders.py", "goals.py", "session.py",
+    "wire_file.py",
 }  # fmt: skip
 # What is wrong in a file or with the program itself stays English.
 NOT_TOLD = {

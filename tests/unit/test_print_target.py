@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 import pytest
 
+from controller.bring_up.target_sheet import sheet_pdf
+from controller.bring_up.target_sheet.areas import SheetError, lay_out
 from controller.cli.app import main
 from controller.commissioning.calibration import find_board
-from controller.commissioning.sheets import SheetError, lay_out
 from controller.commissioning.target import BoardSection, load_board
 from controller.config.shipped import SHIPPED
-from controller.results.target_sheet import sheet_pdf
 
 MM_PER_POINT = 25.4 / 72
 PX_PER_MM = 10

@@ -13,9 +13,9 @@ import pytest
 from numpy.typing import NDArray
 from ruamel.yaml import YAML
 
-from controller.cell.commissioning.jogging import TakenOver
+from controller.bring_up.jogging import TakenOver
+from controller.bring_up.procedure import taught_trays, with_values
 from controller.cli.commissioning.teaching import Teacher
-from controller.commissioning.procedure import taught_trays, with_values
 from controller.config import ConfigError, load_cell
 from controller.config.calibrations import TraysCalibration
 

@@ -7,12 +7,12 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from controller.commissioning.sheets import SheetError
+from controller.bring_up.target_sheet import sheet_pdf
+from controller.bring_up.target_sheet.areas import SheetError
 from controller.commissioning.target import BoardSection, load_board
 from controller.config import ConfigError
 from controller.config.shipped import SHIPPED
 from controller.results.pages import write_file
-from controller.results.target_sheet import sheet_pdf
 
 from ..inputs.checks import check_writable_folder
 from ..terminal.output import emit, print_line

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from controller.bring_up.procedure import CommissioningFolder
 from controller.cell.journal import JOURNAL_NAME, read_rows_counted, rows
 from controller.cell.journal.usage import usage_of
-from controller.commissioning.procedure import CommissioningFolder
 from controller.config.calibrations import Usage, read_calibrations, standing_of
 
 

@@ -8,8 +8,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from controller.cell.commissioning import CommissioningSession, CommissionOrder, EmulatedPerson, due
-from controller.commissioning.procedure import (
+from controller.bring_up import CommissioningSession, CommissionOrder, EmulatedPerson, due
+from controller.bring_up.evidence_page import write_evidence_page
+from controller.bring_up.procedure import (
     CommissioningFolder,
     StepEnd,
     StepRecord,
@@ -17,7 +18,6 @@ from controller.commissioning.procedure import (
     StepStatus,
 )
 from controller.config import Cell, ConfigError, load_recipe
-from controller.results.commissioned import write_evidence_page
 from controller.setup.drivers import require_drivers
 
 from ..running.door import OperatorDoor

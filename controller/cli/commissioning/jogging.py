@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from controller.cell.commissioning.jogging import JogOrders, JogSession, TakenOver
-from controller.commissioning.procedure import StepEnd, StepRecord
+from controller.bring_up.jogging import JogOrders, JogSession, TakenOver
+from controller.bring_up.procedure import StepEnd, StepRecord
 from controller.config import Cell, ConfigError, load_cell
 from controller.setup.drivers import require_drivers
 

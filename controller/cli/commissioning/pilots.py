@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from controller.cell.commissioning.jogging import ArmReading
+from controller.bring_up.jogging import ArmReading
 from controller.cell.operator import Answer, Question
 from controller.config import ConfigError
 from controller.config.files import read_text

@@ -10,8 +10,8 @@ from typing import Final, get_args
 
 import numpy as np
 
-from controller.cell.commissioning.jogging import TakenOver
-from controller.commissioning.procedure import (
+from controller.bring_up.jogging import TakenOver
+from controller.bring_up.procedure import (
     AIM_MM,
     TRAYS,
     CommissioningFolder,

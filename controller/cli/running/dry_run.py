@@ -4,14 +4,14 @@ import asyncio
 import sys
 from pathlib import Path
 
+from controller.bring_up.dry import DryOrder, DryPlan, DrySession, dry_plan
+from controller.bring_up.procedure import StepEnd, StepRecord
 from controller.cad import StablePose
 from controller.cad.reading import files_of
 from controller.cell.batch import new_run_id
-from controller.cell.commissioning.dry import DryOrder, DryPlan, DrySession, dry_plan
 from controller.cell.compute import Job, context
 from controller.cell.compute.checks import check_sizes
 from controller.cell.plans import PlanCache
-from controller.commissioning.procedure import StepEnd, StepRecord
 from controller.config import Cell, ConfigError, Recipe, load_cell, load_recipe
 from controller.config.files import file_sha256
 from controller.results.run import load_run

@@ -9,10 +9,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
-from controller.cell.commissioning import CommissionOrder
+from controller.bring_up import CommissionOrder
+from controller.bring_up.procedure import CommissioningFolder
 from controller.cell.journal import JOURNAL_NAME, JournalError, read_rows_counted, rows
 from controller.cell.journal.usage import usage_of, views_off_mm
-from controller.commissioning.procedure import CommissioningFolder
 from controller.config import (
     SHIPPED,
     Cell,
