@@ -3,7 +3,7 @@
 `session.py` runs steps in order, `visit.py` one step from connecting to rest, `bench.py` has the
 tools of a step, `person.py` the helper who answers, `steps/` are the steps. `procedure/` keeps what
 a step leaves, `evidence_page/` makes a page of it, `target_sheet/` prints boards. Computations on
-pictures and readings are in `controller.commissioning`, which knows no device.
+pictures and readings are in `controller.calibration`, which knows no device.
 """
 
 from .bench import Bench

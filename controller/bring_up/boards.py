@@ -12,17 +12,17 @@ from typing import Any, Final
 import numpy as np
 
 from controller.arrays import FloatArray, Grey
-from controller.cell.services import CameraName
-from controller.commissioning.calibration import (
+from controller.calibration.camera import (
     Charuco,
     FoundBoard,
     NoBoardError,
     charuco_board,
     find_board,
 )
-from controller.commissioning.kinematics import BoardPicture, plate_faces
-from controller.commissioning.showing import ShowingRegion, showing
-from controller.commissioning.target import BoardSection, load_board
+from controller.calibration.kinematics import BoardPicture, plate_faces
+from controller.calibration.showing import ShowingRegion, showing
+from controller.calibration.target import BoardSection, load_board
+from controller.cell.services import CameraName
 from controller.config import SHIPPED
 from controller.planning.geometry import Box
 from controller.planning.motion import Scene

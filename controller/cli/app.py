@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from .acting import abort, ack, answer, pause, resume, status, step, stop, watch
+from .bring_up import commission, jog, print_target, teach
 from .calibrating import camera
-from .commissioning import commission, jog, print_target, teach
 from .devices import doctor, emulate
 from .history import backup, history, rejudge, review
 from .inspecting import inspect, replay, verify

@@ -12,7 +12,7 @@ from controller.config import ConfigError
 from controller.planning.model import ArmModel
 
 if TYPE_CHECKING:  # a run loads no fits
-    from controller.commissioning.kinematics import KinematicArm
+    from controller.calibration.kinematics import KinematicArm
 
 # An arm whose figures are farther off than this many times their bounds is another arm.
 MAX_BOUNDS: Final = 10.0

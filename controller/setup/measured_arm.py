@@ -3,7 +3,7 @@
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.commissioning.kinematics import ExactArm, KinematicArm
+from controller.calibration.kinematics import ExactArm, KinematicArm
 from controller.imaging import rotation_angle
 from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from controller.commissioning.calibration import NoBoardError, charuco_board, find_board
-from controller.commissioning.target import BoardSection, load_board
+from controller.calibration.camera import NoBoardError, charuco_board, find_board
+from controller.calibration.target import BoardSection, load_board
 from emulators.world import (
     Layout,
     LayoutError,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 from scipy.spatial.transform import Rotation
 
-from controller.commissioning.calibration import (
+from controller.calibration.camera import (
     Charuco,
     FoundBoard,
     PlacedBoard,

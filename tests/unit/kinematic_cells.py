@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from controller.commissioning.calibration import FoundBoard
-from controller.commissioning.kinematics import (
+from controller.calibration.camera import FoundBoard
+from controller.calibration.kinematics import (
     BoardPicture,
     CameraPrior,
     CellPrior,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.commissioning.target import load_board
+from controller.calibration.target import load_board
 from controller.config import ConfigError
 
 BOARDS = Path(__file__).parents[2] / "recipes" / "boards"

@@ -15,7 +15,7 @@ from board_pictures import (
     true_pixels,
 )
 
-from controller.commissioning.calibration import (
+from controller.calibration.camera import (
     Charuco,
     Chessboard,
     NoBoardError,

@@ -9,7 +9,7 @@ import pytest
 from board_pictures import Scene, camera_over_table, corners_of, noisy_views, pose, true_pixels
 from scipy.spatial.transform import Rotation
 
-from controller.commissioning.calibration import (
+from controller.calibration.camera import (
     PARAMETERS,
     CalibratedCamera,
     CalibrationError,
@@ -21,9 +21,9 @@ from controller.commissioning.calibration import (
     WorldFrame,
     calibrate,
 )
-from controller.commissioning.calibration.refusals import check_uncertainty
-from controller.commissioning.calibration.solve import CalibrationSolution, solve
-from controller.commissioning.calibration.uncertainty import spread
+from controller.calibration.camera.refusals import check_uncertainty
+from controller.calibration.camera.solve import CalibrationSolution, solve
+from controller.calibration.camera.uncertainty import spread
 from controller.imaging import Camera, inverse_pose
 
 BOARD = Chessboard((8, 5), 12.0)

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from board_pictures import camera_over_table, picture_of, pose
 
+from controller.calibration.camera import Chessboard
 from controller.cli import main
 from controller.cli.calibrating.camera_calibration import read_grey
 from controller.cli.inputs.calibration_file import load_calibration, write_calibration
-from controller.commissioning.calibration import Chessboard
 from controller.config import ConfigError
 
 BOARD = Chessboard((7, 4), 14.0)

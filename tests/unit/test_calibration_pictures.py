@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from data_files import BOARDS, true_pictures
 
-from controller.commissioning.calibration import View, calibrate, find_board
-from controller.commissioning.target import load_target
+from controller.calibration.camera import View, calibrate, find_board
+from controller.calibration.target import load_target
 from controller.imaging import Camera
 
 pytestmark = pytest.mark.slow

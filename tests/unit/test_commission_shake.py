@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 from controller.bring_up import StepFailedError
 from controller.bring_up.gauges.holding import shake
 from controller.bring_up.procedure import StepFigure
-from controller.commissioning.calibration import Charuco, FoundBoard, charuco_board
-from controller.commissioning.kinematics import BoardPicture, plate_faces
-from controller.commissioning.target import load_board
+from controller.calibration.camera import Charuco, FoundBoard, charuco_board
+from controller.calibration.kinematics import BoardPicture, plate_faces
+from controller.calibration.target import load_board
 
 LAYOUT = emulated_layout()
 BOARD = load_board(Path(__file__).parents[2] / "recipes" / "boards" / "paddle.json")

@@ -10,7 +10,7 @@ import pytest
 from controller.bring_up.procedure import CommissioningFolder
 from controller.cell.journal import JOURNAL_NAME, Journal, rows
 from controller.cli.app import main
-from controller.cli.commissioning.calibration_lines import calibration_lines
+from controller.cli.bring_up.calibration_lines import calibration_lines
 from controller.config import EMULATED_CELL
 from controller.config.calibrations import TraysCalibration
 

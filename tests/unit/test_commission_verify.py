@@ -15,10 +15,10 @@ from controller.bring_up.errors import StepFailedError
 from controller.bring_up.proof import length_study
 from controller.bring_up.proof.hand_off import hand_off_lines
 from controller.bring_up.steps.verify import holds_of, mean_hold, plate_offs
-from controller.commissioning.calibration import Charuco, FoundBoard, charuco_board
-from controller.commissioning.kinematics import BoardPicture, plate_faces
-from controller.commissioning.showing import ShowingRegion, showing
-from controller.commissioning.target import load_board
+from controller.calibration.camera import Charuco, FoundBoard, charuco_board
+from controller.calibration.kinematics import BoardPicture, plate_faces
+from controller.calibration.showing import ShowingRegion, showing
+from controller.calibration.target import load_board
 from controller.imaging import Camera
 from controller.planning.geometry import Box
 from controller.planning.motion import Scene, tcp_pose

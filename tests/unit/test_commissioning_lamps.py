@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controller.bring_up.steps.light import lights_of, panel_mask, surfaces_of
-from controller.commissioning.lamps import (
+from controller.calibration.lamps import (
     PatternLamp,
     TooFewSamplesError,
     assign,

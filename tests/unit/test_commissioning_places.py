@@ -7,14 +7,14 @@ import pytest
 from planning_cell import emulated_layout
 
 from controller.bring_up.steps.trays import obstacle_words
-from controller.commissioning.places import (
+from controller.calibration.places import (
     CornerTouch,
     aim_uncertainty,
     fit_plane,
     locate_tray,
     play_uncertainty_mm,
 )
-from controller.commissioning.reach import rows_down, shifted
+from controller.calibration.reach import rows_down, shifted
 from controller.config import Cell, load_yaml
 from controller.planning.motion import tcp_pose
 from controller.setup.layout import build_layout

@@ -15,8 +15,8 @@ from controller.bring_up.evidence import StepEvidence
 from controller.bring_up.procedure import worst_of
 from controller.bring_up.proof import ReachedPose, RecipeReach, check_reach
 from controller.bring_up.steps.reach import judge
-from controller.cli.commissioning.guided import recipes_beside
-from controller.commissioning.reach import rows_down, unreached
+from controller.calibration.reach import rows_down, unreached
+from controller.cli.bring_up.guided import recipes_beside
 from controller.config import EMULATED_CELL, SHIPPED
 from controller.planning.geometry import Box
 from controller.planning.motion import Scene, tcp_pose

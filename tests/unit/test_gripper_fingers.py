@@ -7,14 +7,14 @@ import kinematic_cells as cells
 import numpy as np
 import pytest
 
-from controller.commissioning.grippers import (
+from controller.calibration.grippers import (
     FingersError,
     FingerShape,
     TcpFit,
     locate_tcp,
     look_at_fingers,
 )
-from controller.commissioning.kinematics import CellFit, calibrate_cell, tcp_poses, tcp_uncertainty
+from controller.calibration.kinematics import CellFit, calibrate_cell, tcp_poses, tcp_uncertainty
 from drivers.umi_scara.model import kinematics
 
 SHAPE = FingerShape(78.0, 12.0, 8.0)

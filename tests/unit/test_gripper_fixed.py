@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from controller.commissioning.grippers import (
+from controller.calibration.grippers import (
     FixedGripperFit,
     Touch,
     TouchError,

@@ -14,7 +14,7 @@ import pytest
 
 from controller.bring_up.jogging import read_order
 from controller.cell.operator import Choice, Question
-from controller.cli.commissioning.pilots import KEYS, KeyPilot, LinePilot, single_keys
+from controller.cli.bring_up.pilots import KEYS, KeyPilot, LinePilot, single_keys
 
 QUESTION = Question("may_move", "May it move?", (Choice("yes", "go on"), Choice("stop", "end")))
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from planning_cell import emulated_layout
 
-from controller.commissioning.calibration import FoundBoard
-from controller.commissioning.kinematics import KinematicsError, board_again
+from controller.calibration.camera import FoundBoard
+from controller.calibration.kinematics import KinematicsError, board_again
 from controller.imaging import Camera
 
 CAMERA = emulated_layout().overhead

@@ -8,8 +8,8 @@ import kinematic_cells as cells
 import numpy as np
 import pytest
 
-from controller.commissioning.calibration import FoundBoard
-from controller.commissioning.kinematics import (
+from controller.calibration.camera import FoundBoard
+from controller.calibration.kinematics import (
     BoardPicture,
     CellFit,
     ExactArm,
@@ -25,8 +25,8 @@ from controller.commissioning.kinematics import (
     tcp_poses,
     tcp_uncertainty,
 )
-from controller.commissioning.kinematics.layout import UnknownsLayout
-from controller.commissioning.target import BoardSection
+from controller.calibration.kinematics.layout import UnknownsLayout
+from controller.calibration.target import BoardSection
 from drivers.umi_scara import ArmGeometry, UmiFigures, kinematics
 
 # over the table, at the station and at the fixed gripper, some of each

@@ -6,14 +6,14 @@ import kinematic_cells as cells
 import numpy as np
 import pytest
 
-from controller.commissioning.kinematics import (
+from controller.calibration.kinematics import (
     BoardPicture,
     PoseCandidate,
     calibrate_cell,
     choose,
     predicted_picture,
 )
-from controller.commissioning.kinematics.layout import UnknownsLayout
+from controller.calibration.kinematics.layout import UnknownsLayout
 
 CORNERS = {name: cells.grid(cells.SIDE, cells.SIDE, cells.SQUARE_MM) for name in ("front", "back")}
 COUNT = 16

@@ -8,7 +8,7 @@ import kinematic_cells as cells
 import numpy as np
 import pytest
 
-from controller.commissioning.kinematics import (
+from controller.calibration.kinematics import (
     BoardPicture,
     KinematicsFault,
     Play,

@@ -166,10 +166,8 @@ def written(node: ast.expr | None) -> str:
 
 
 def said_by_the_cell() -> Iterator[str]:
-    """Yield every text that the cell makes in place; commissioning speaks at a terminal alone."""
+    """Yield every text that the cell makes in place."""
     for path in sorted(CELL.rglob("*.py")):
-        if "commissioning" in path.parts:
-            continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if not isinstance(node, ast.Call):
                 continue
@@ -261,7 +259,7 @@ REASONING = (
 )  # fmt: skip
 # Whose errors a page may show within a sentence: as what stopped a run, as why a step failed.
 RAISING = (
-    "../drivers", "bring_up", "cell", "commissioning", "planning", "config/calibrations",
+    "../drivers", "bring_up", "calibration", "cell", "planning", "config/calibrations",
 )  # fmt: skip
 # Whose errors are met at a terminal alone: recorded lines, jogging, sheets to print.
 AT_A_TERMINAL = {

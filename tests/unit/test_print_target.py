@@ -14,9 +14,9 @@ import pytest
 
 from controller.bring_up.target_sheet import sheet_pdf
 from controller.bring_up.target_sheet.areas import SheetError, lay_out
+from controller.calibration.camera import find_board
+from controller.calibration.target import BoardSection, load_board
 from controller.cli.app import main
-from controller.commissioning.calibration import find_board
-from controller.commissioning.target import BoardSection, load_board
 from controller.config.shipped import SHIPPED
 
 MM_PER_POINT = 25.4 / 72

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from planning_cell import emulated_layout
 
-from controller.commissioning.showing import TILT_RAD, ShowingRegion, showing
+from controller.calibration.showing import TILT_RAD, ShowingRegion, showing
 from controller.planning.geometry import Box
 from controller.planning.motion import Scene, tcp_pose
 

@@ -15,7 +15,7 @@ from ruamel.yaml import YAML
 
 from controller.bring_up.jogging import TakenOver
 from controller.bring_up.procedure import taught_trays, with_values
-from controller.cli.commissioning.teaching import Teacher
+from controller.cli.bring_up.teaching import Teacher
 from controller.config import ConfigError, load_cell
 from controller.config.calibrations import TraysCalibration
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.commissioning.reach import rows_down, shifted
+from controller.calibration.reach import rows_down, shifted
 from controller.planning import JointPath, NoMotionError
 from controller.planning.model import CellLayout
 from controller.planning.motion import Scene, connect, segment_seconds, tcp_pose

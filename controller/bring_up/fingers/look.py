@@ -5,9 +5,9 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
+from controller.calibration.grippers import FingerShape, TcpFit, locate_tcp, look_at_fingers
+from controller.calibration.kinematics import CellFit
 from controller.cell.devices.lamps import STATION_PANEL
-from controller.commissioning.grippers import FingerShape, TcpFit, locate_tcp, look_at_fingers
-from controller.commissioning.kinematics import CellFit
 from controller.planning.motion import inverse_rows
 from controller.setup.measured_arm import measured_arm
 

@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.commissioning.kinematics import KinematicsError, board_pose, plate_faces
-from controller.commissioning.showing import ShowingRegion
+from controller.calibration.kinematics import KinematicsError, board_pose, plate_faces
+from controller.calibration.showing import ShowingRegion
 from controller.imaging import inverse_pose, rotation_angle
 from controller.planning.model import JOINT_COUNT
 from controller.planning.motion import slides

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Final
 
+from controller.calibration.target import BoardSection
 from controller.cell.custody import Custody
-from controller.commissioning.target import BoardSection
 from drivers.kinds import Hold
 
 from ..bench import Bench

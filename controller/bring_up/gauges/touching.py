@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.commissioning.grippers import Touch
+from controller.calibration.grippers import Touch
 from controller.planning.geometry import Box
 from controller.planning.model import CellLayout
 from controller.planning.motion import (

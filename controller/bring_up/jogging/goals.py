@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from controller.arrays import FloatArray
+from controller.calibration.reach import near_rows
 from controller.cell.errors import CellError
-from controller.commissioning.reach import near_rows
 from controller.planning.model import JOINT_COUNT, ArmModel, CellLayout
 from controller.planning.motion import END_MARGIN_MM, Scene, path_free, slides, tcp_pose
 

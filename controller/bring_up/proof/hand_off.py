@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 
 from controller.arrays import FloatArray
+from controller.calibration.kinematics import BoardPicture
 from controller.cell.custody import Custody
-from controller.commissioning.kinematics import BoardPicture
 from controller.imaging import rotation_angle
 from controller.planning import JointPath
 from controller.planning.motion import Scene, inverse_rows

@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.commissioning.kinematics import BoardPicture, plate_faces
-from controller.commissioning.target import BoardSection
+from controller.calibration.kinematics import BoardPicture, plate_faces
+from controller.calibration.target import BoardSection
 from controller.imaging import Camera, inverse_pose
 from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose

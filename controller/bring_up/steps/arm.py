@@ -15,10 +15,9 @@ from typing import Any, Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.cell.services import CameraName
-from controller.commissioning.calibration import FoundBoard
-from controller.commissioning.grippers import FingersError, TcpFit
-from controller.commissioning.kinematics import (
+from controller.calibration.camera import FoundBoard
+from controller.calibration.grippers import FingersError, TcpFit
+from controller.calibration.kinematics import (
     BoardPicture,
     CameraPrior,
     CellFit,
@@ -42,8 +41,9 @@ from controller.commissioning.kinematics import (
     plate_faces,
     tcp_uncertainty,
 )
-from controller.commissioning.showing import ShowingRegion
-from controller.commissioning.target import BoardSection, load_board
+from controller.calibration.showing import ShowingRegion
+from controller.calibration.target import BoardSection, load_board
+from controller.cell.services import CameraName
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import (
     ArmCalibration,

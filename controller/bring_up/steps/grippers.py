@@ -13,14 +13,14 @@ from typing import Any, Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.commissioning.grippers import (
+from controller.calibration.grippers import (
     FixedGripperFit,
     Touch,
     TouchError,
     TouchNoise,
     locate_fixed_gripper,
 )
-from controller.commissioning.target import BoardSection, load_board
+from controller.calibration.target import BoardSection, load_board
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration, FixedGripperCalibration, Residual
 

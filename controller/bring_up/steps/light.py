@@ -12,9 +12,7 @@ import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, Grey
-from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
-from controller.cell.services import CameraName
-from controller.commissioning.lamps import (
+from controller.calibration.lamps import (
     Assignment,
     CameraBackground,
     PatternLamp,
@@ -26,6 +24,8 @@ from controller.commissioning.lamps import (
     seconds_to_steady,
     seen_pattern,
 )
+from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
+from controller.cell.services import CameraName
 from controller.config import Cell
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration, LampCalibration, LampsCalibration

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.commissioning.reach import unreached
+from controller.calibration.reach import unreached
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration
 from controller.planning.motion import Scene

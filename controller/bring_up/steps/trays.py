@@ -10,8 +10,7 @@ from typing import Final, Literal
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.cell.operator import Choice
-from controller.commissioning.places import (
+from controller.calibration.places import (
     CORNERS,
     Corner,
     CornerTouch,
@@ -21,6 +20,7 @@ from controller.commissioning.places import (
     opposite,
     play_uncertainty_mm,
 )
+from controller.cell.operator import Choice
 from controller.config import Cell
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration, Residual, TraysCalibration

@@ -12,16 +12,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from controller.arrays import FloatArray
-from controller.cell.custody import Custody
-from controller.cell.services import CameraName
-from controller.commissioning.kinematics import (
+from controller.calibration.kinematics import (
     BoardPicture,
     KinematicsError,
     board_pose,
     plate_faces,
 )
-from controller.commissioning.showing import ShowingRegion
-from controller.commissioning.target import BoardSection
+from controller.calibration.showing import ShowingRegion
+from controller.calibration.target import BoardSection
+from controller.cell.custody import Custody
+from controller.cell.services import CameraName
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration, VerificationRecord, VerifiedFigure
 from controller.imaging import Camera, inverse_pose, rotation_angle

@@ -12,8 +12,8 @@ import numpy as np
 from shapely import Polygon, box, unary_union
 
 from controller.arrays import FloatArray
-from controller.commissioning.calibration import Charuco, Chessboard, Target, charuco_board
-from controller.commissioning.target import BoardSection
+from controller.calibration.camera import Charuco, Chessboard, Target, charuco_board
+from controller.calibration.target import BoardSection
 
 EDGE_MM: Final = 5.0  # most printers leave this border of the paper bare
 FOOT_MM: Final = 26.0  # space below the faces for ruler and words

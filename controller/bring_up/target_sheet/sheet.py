@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from controller.arrays import FloatArray
-from controller.commissioning.target import BoardSection
+from controller.calibration.target import BoardSection
 from controller.results.pages import make_environment
 from controller.results.pdf import pdf_bytes
 

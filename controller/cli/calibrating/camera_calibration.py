@@ -1,6 +1,6 @@
 """`cellctl calibrate camera`: pictures of a board -> the camera, its lens and its pose.
 
-Reads the files and prints the result; `controller.commissioning.calibration` computes it.
+Reads the files and prints the result; `controller.calibration.camera` computes it.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ import numpy as np
 from rich.table import Table
 
 from controller.arrays import Grey
-from controller.commissioning.calibration import (
+from controller.calibration.camera import (
     CalibratedCamera,
     CalibrationError,
     Charuco,
@@ -26,7 +26,7 @@ from controller.commissioning.calibration import (
     calibrate,
     find_board,
 )
-from controller.commissioning.target import CalibrationTarget, load_target
+from controller.calibration.target import CalibrationTarget, load_target
 from controller.config import ConfigError
 from controller.stored.pictures import decoded, read_whole
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.commissioning.calibration import PARAMETERS, CalibratedCamera, PlacedBoard
+from controller.calibration.camera import PARAMETERS, CalibratedCamera, PlacedBoard
 from controller.config import ConfigError
 from controller.config.cell import MAX_HEIGHT_MM, MIN_HEIGHT_MM
 from controller.config.files import parse_json, read_text

@@ -16,9 +16,9 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray, IndexArray
-from controller.commissioning.calibration import FoundBoard
 from controller.imaging import inverse_pose, transform
 
+from ..camera import FoundBoard
 from ._types import BoardPicture, CellPrior
 from .layout import PictureTerms, UnknownsLayout
 from .noise import whitening

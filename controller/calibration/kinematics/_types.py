@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.commissioning.calibration import FoundBoard
 from controller.imaging import Camera
 
+from ..camera import FoundBoard
 from .arm import KinematicArm
 
 

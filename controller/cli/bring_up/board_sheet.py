@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from controller.bring_up.target_sheet import sheet_pdf
 from controller.bring_up.target_sheet.areas import SheetError
-from controller.commissioning.target import BoardSection, load_board
+from controller.calibration.target import BoardSection, load_board
 from controller.config import ConfigError
 from controller.config.shipped import SHIPPED
 from controller.results.pages import write_file

@@ -13,9 +13,10 @@ import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, Grey
-from controller.commissioning.kinematics import CellFit, KinematicsFault
-from controller.commissioning.kinematics.noise import Whitening
 from controller.imaging.edges import measure_edges
+
+from ..kinematics import CellFit, KinematicsFault
+from ..kinematics.noise import Whitening
 
 _SPACING_PX: Final = 3.0  # spacing of rays along an edge: neighbours see the same noise
 _TIP_SHARE: Final = 0.5  # share of a finger's length used, from its tip: beyond are palm and screws

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from controller.config import Section, load_yaml
 
-from .calibration import (
+from .camera import (
     Charuco,
     Chessboard,
     PlacedBoard,

@@ -19,7 +19,7 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.imaging import Camera
 
-from ..calibration import FoundBoard
+from ..camera import FoundBoard
 from ._types import BoardPicture, CellPrior, KinematicsError
 from .layout import PictureTerms, UnknownsLayout
 from .noise import whitening

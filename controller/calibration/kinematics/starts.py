@@ -7,10 +7,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from controller.arrays import FloatArray
-from controller.commissioning.calibration import FoundBoard
-from controller.commissioning.target import BoardSection
 from controller.imaging import Camera, inverse_pose
 
+from ..camera import FoundBoard
+from ..target import BoardSection
 from ._types import (
     BoardPicture,
     CellPrior,

@@ -16,8 +16,9 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.commissioning.kinematics.layout import POSE, moved
-from controller.commissioning.kinematics.uncertainty import radius_u
+
+from ..kinematics.layout import POSE, moved
+from ..kinematics.uncertainty import radius_u
 
 _OBSERVED: Final = 0.5  # a freedom is observed if its spread shrinks to this share
 _OUTLIER_SIGMA: Final = 5.0

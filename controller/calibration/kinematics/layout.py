@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from controller.arrays import FloatArray, IndexArray
-from controller.commissioning.calibration.solve import by_turn, project
 from controller.imaging import Camera, inverse_pose
 
+from ..camera.solve import by_turn, project
 from ._types import BoardPicture, CellPrior
 
 LENS: Final = ("focal", "aspect", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
