@@ -70,7 +70,7 @@ class Supervisor:
         poll.register(self._signals, select.POLLIN)
         while True:
             poll.poll(1e3 * LOOK_WALL_S)
-            now_s = self._now_s()  # read first: a heartbeat sent before it is taken below
+            shared, now_s = self._shared, self._now_s()  # before a heartbeat is taken below
             state = self._take_messages()
             # after heartbeats: one sent before a signal says nothing of it
             if self._take_signals():
@@ -80,7 +80,8 @@ class Supervisor:
             if state == "gone":
                 self._strike("the controller has ended without coming to rest")
                 return
-            if self._beat_s is not None and not self._has_struck:
+            # orders may have named the cell's clock meanwhile: `now_s` is none of its instants then
+            if self._beat_s is not None and not self._has_struck and self._shared is shared:
                 self._judge(now_s - self._beat_s)
 
     def _now_s(self) -> float:

@@ -4,9 +4,13 @@ import asyncio
 import json
 import multiprocessing
 import os
+import select
+import socket
+import struct
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -15,6 +19,8 @@ from hypothesis import strategies as st
 
 from drivers.clock import CellClock
 from drivers.errors import LinkError
+from drivers.supervisor import BlindStop, Orders
+from drivers.supervisor.__main__ import Supervisor
 from emulators.clock import SharedClock
 from emulators.register import register_folder, registered
 
@@ -353,3 +359,40 @@ def test_whoever_asks_a_closed_clock_gets_what_it_said_last(world: SharedClock) 
     assert clock.now_s() == before_s
     assert clock.speed > 0
     clock.close()
+
+
+def test_a_supervisor_compares_no_heartbeat_with_the_wall_before_it_knows_the_cells_clock(
+    world: SharedClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    control, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    signals, heard = socket.socketpair()
+    stop = BlindStop("arm", str(tmp_path / "arm"), (b"\x24",), 0.01, 1)
+    # both are there when the supervisor first looks, as on a busy machine
+    control.send(Orders((stop,), clock=str(world.path)).to_bytes())
+    control.send(struct.pack("d", world.now_s()))
+
+    class Looks:
+        """Two looks at the sockets; at the second one the controller has said goodbye."""
+
+        def __init__(self) -> None:
+            self.count = 0
+
+        def register(self, *_: object) -> None:
+            pass
+
+        def poll(self, _: float) -> list[object]:
+            self.count += 1
+            if self.count == 2:
+                control.send(b"bye")
+            return []
+
+    monkeypatch.setattr(select, "poll", Looks)
+    with control, far, signals, heard:
+        Supervisor(far, heard).run()
+        control.setblocking(False)
+        said = []
+        with suppress(BlockingIOError):
+            while True:
+                said.append(json.loads(control.recv(1 << 16)))
+    assert {"ready": True} in said
+    assert not any("struck" in one for one in said)
