@@ -353,7 +353,12 @@ def shared_options(sources: list[Source]) -> dict[str, list[ast.Call]]:
 def command_options(
     function: Function, shared: dict[str, list[ast.Call]]
 ) -> list[list[ast.Call]] | None:
-    """Return what typer is given for each parameter of a command, None for other functions."""
+    """Return what typer is given for each parameter of a command, None for other functions.
+
+    A command whose options are the fields of a dataclass has none among its parameters.
+    """
+    if "from_fields" in _decorators(function):
+        return []
     parameters = [*function.args.args, *function.args.kwonlyargs]
     calls = [
         _typer_calls(p.annotation) or shared.get(getattr(p.annotation, "id", ""), [])

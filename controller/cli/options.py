@@ -1,16 +1,58 @@
 """Arguments and options that several commands share. Imports no room of the controller."""
 
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, is_dataclass
 from enum import StrEnum
+from functools import wraps
 from math import isnan
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 MAX_PART_COUNT = 100_000  # parts in one run; also the limit of a recipe
 
+# Titles of sections of the help.
+EMULATED = "Emulated cell"
+REPORTED = "Parts and their report"
 
-EMULATED = "Emulated cell"  # title of a section of the help
+
+def from_fields(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command with an option or argument for each field of the dataclasses it takes.
+
+    A parameter whose type is a dataclass stands for the fields of that dataclass, and a field of
+    such a type for its own: an option is declared once, as the field that is read.
+    """
+
+    @wraps(command)
+    def called(**given: Any) -> None:  # noqa: ANN401  (of the types of the fields)
+        _filled(command, given)
+
+    flat = inspect.Signature(list(_parameters(command)))
+    called.__signature__ = flat  # type: ignore[attr-defined]  # what typer reads
+    return called
+
+
+def _parameters(made: Callable[..., Any]) -> Iterator[inspect.Parameter]:
+    for one in inspect.signature(made).parameters.values():
+        if _has_fields(one.annotation):
+            yield from _parameters(one.annotation)
+        else:
+            yield one.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+
+
+def _has_fields(kind: type) -> bool:
+    return is_dataclass(kind)
+
+
+def _filled(made: Callable[..., Any], given: Mapping[str, Any]) -> Any:  # noqa: ANN401  (what it makes)
+    return made(
+        **{
+            name: _filled(one.annotation, given) if _has_fields(one.annotation) else given[name]
+            for name, one in inspect.signature(made).parameters.items()
+        }
+    )
 
 
 class Unit(StrEnum):
@@ -189,3 +231,54 @@ UnitOption = Annotated[
     Unit | None,
     typer.Option("--unit", help="unit of CAD files that name none, such as STL (default: mm)"),
 ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SerialOptions:
+    """The options about serial numbers."""
+
+    counted_from: Annotated[
+        str | None,
+        typer.Option(
+            "--serial-from",
+            metavar="NUMBER",
+            rich_help_panel=REPORTED,
+            help="first serial number; its last digits count up with each part",
+        ),
+    ] = None
+    goes_on: Annotated[
+        bool,
+        typer.Option(
+            "--across-runs",
+            rich_help_panel=REPORTED,
+            help="with --serial-from: continue after the last such number of earlier runs",
+        ),
+    ] = False
+    is_read: Annotated[
+        bool,
+        typer.Option(
+            "--scan",
+            rich_help_panel=REPORTED,
+            help="read each serial number first: from a scanner that types a line, or from "
+            "`cellctl answer NUMBER`",
+        ),
+    ] = False
+    serials: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--serial",
+            metavar="NUMBER",
+            rich_help_panel=REPORTED,
+            help="serial number of a part; once per part, in order",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EmulatedOptions:
+    """The options about an emulated cell that is entered, not run."""
+
+    as_built: AsBuiltOption = None
+    seed: SeedOption = None
+    speed: SpeedOption = 1.0
+    control: ControlOption = None

@@ -15,7 +15,8 @@ from controller.cell.services.records import PartRecord
 from controller.cell.services.table import Label, LabelOrder, Labels, counted
 from controller.cli.inputs.parts_list import load_parts_list
 from controller.cli.inputs.recipes import asked_recipes, ordered_recipes
-from controller.cli.inputs.serials import SerialOptions, papers_of
+from controller.cli.inputs.serials import papers_of
+from controller.cli.options import SerialOptions
 from controller.config import ConfigError
 
 ANY: Any = SimpleNamespace

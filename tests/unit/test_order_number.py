@@ -12,7 +12,9 @@ import pytest
 from controller.cell.batch import Papers
 from controller.cell.journal import rows
 from controller.cli import main
-from controller.cli.inputs.serials import SerialOptions, papers_of
+from controller.cli.inputs.serials import papers_of
+from controller.cli.options import SerialOptions
+from controller.cli.running.recipe_run import given_papers
 from controller.history import Filters, Store, export, figures, fill, list_parts, open_store
 from controller.results.exports import csv_text, dfq_bytes, qif_bytes
 from controller.results.judged import judged_parts, result_json
@@ -45,7 +47,7 @@ def test_the_command_line_gives_the_order_to_the_run(
     words = ["run", "holder", "--order", " 4711 ", "--lot", "L7", "--serial", "A1"]
     assert main([*words, "--runs", str(tmp_path)]) == 0
     (options,) = asked
-    papers = papers_of(options.serials, options.papers, None, 1, 1, tmp_path)
+    papers = papers_of(options.serials, given_papers(options), None, 1, 1, tmp_path)
     assert (papers.order_number, papers.lot, papers.serials) == ("4711", "L7", ("A1",))
 
 

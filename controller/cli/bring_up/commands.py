@@ -1,4 +1,4 @@
-"""Arguments and help of `cellctl commission` and `print-target`."""
+"""Arguments and help of `cellctl commission`, `jog`, `teach` and `print-target`."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -8,25 +8,8 @@ import typer
 
 from controller.loading import loading
 
-from ..options import (
-    AsBuiltOption,
-    ControlOption,
-    JsonOption,
-    RunsOption,
-    SeedOption,
-    SpeedOption,
-    finite,
-)
-
-
-class Teachable(StrEnum):
-    """Positions that can be taught."""
-
-    ACCEPT = "accept"
-    REJECT = "reject"
-    QUARANTINE = "quarantine"
-    PARK = "park"
-    STATION = "station"
+from ..options import JsonOption, finite, from_fields
+from .arguments import GuidedOptions, JogOptions, TeachOptions
 
 
 class Paper(StrEnum):
@@ -103,53 +86,8 @@ def print_target(
     raise typer.Exit(code)
 
 
-def commission(
-    cell: Annotated[
-        Path,
-        typer.Option("--cell", metavar="FILE", help="cell file (YAML) as drawn; it stays as it is"),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            metavar="FOLDER",
-            help="folder for the new cell file, calibrations and evidence (default: "
-            "commissioning/NAME of the cell)",
-        ),
-    ] = None,
-    step: Annotated[
-        str | None,
-        typer.Option("--step", metavar="NAME", help="repeat one step (default: all that are due)"),
-    ] = None,
-    status: Annotated[
-        bool,
-        typer.Option(
-            "--status", help="print which steps are done and which calibrations are valid"
-        ),
-    ] = False,
-    yes: Annotated[
-        bool,
-        typer.Option("--yes", help="answer for the person; emulated cells only"),
-    ] = False,
-    recipe: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--recipe",
-            metavar="FILE",
-            help="recipe whose poses the step `reach` plans; may be repeated (default: the recipes "
-            "beside the cell file)",
-        ),
-    ] = None,
-    operator: Annotated[
-        str, typer.Option("--operator", metavar="NAME", help="your name (default: the user)")
-    ] = "",
-    as_built: AsBuiltOption = None,
-    seed: SeedOption = None,
-    speed: SpeedOption = 1.0,
-    control: ControlOption = None,
-    runs: RunsOption = Path("runs"),
-    json: JsonOption = False,
-) -> None:
+@from_fields
+def commission(options: GuidedOptions) -> None:
     """Commission the cell step by step, with evidence for each.
 
     Finds the true poses of arm, cameras, grippers and trays, step by step: devices, light, arm and
@@ -157,133 +95,31 @@ def commission(
     with the rest.
     """
     with loading():
-        from ..running.entering import EmulatedOptions
-        from .guided import GuidedOptions, guide
+        from .guided import guide
 
-    code = guide(
-        GuidedOptions(
-            cell_path=cell,
-            out=out,
-            step=step,
-            operator=operator,
-            recipes=tuple(recipe or ()),
-            emulated=EmulatedOptions(
-                as_built=as_built, seed=seed, speed=speed, control=control, answers=yes
-            ),
-            runs=runs,
-            as_json=json,
-        ),
-        status_only=status,
-    )
-    raise typer.Exit(code)
+    raise typer.Exit(guide(options))
 
 
-CommandsOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--commands",
-        metavar="FILE",
-        help="file of orders, one per line; `-` for standard input (default: keys of this "
-        "terminal)",
-    ),
-]
-
-
-def jog(
-    cell: Annotated[
-        Path,
-        typer.Option("--cell", metavar="FILE", help="cell file (YAML), calibrated or not"),
-    ],
-    commands: CommandsOption = None,
-    yes: Annotated[
-        bool,
-        typer.Option("--yes", help="with --commands: answer for the person; emulated cells only"),
-    ] = False,
-    operator: Annotated[
-        str, typer.Option("--operator", metavar="NAME", help="your name (default: the user)")
-    ] = "",
-    as_built: AsBuiltOption = None,
-    seed: SeedOption = None,
-    speed: SpeedOption = 1.0,
-    control: ControlOption = None,
-    runs: RunsOption = Path("runs"),
-    json: JsonOption = False,
-) -> None:
+@from_fields
+def jog(options: JogOptions) -> None:
     """Move the arm by keys, slowly.
 
     Joint by joint, or along the axes of the world and of the tool; also before calibration. Before
     homing it only tries single motors and homes. Space and Esc halt it.
     """
     with loading():
-        from ..running.entering import EmulatedOptions
-        from .jogging import JogOptions, jog_cell
+        from .jogging import jog_cell
 
-    code = jog_cell(
-        JogOptions(
-            cell_path=cell,
-            runs_dir=runs,
-            commands=commands,
-            operator=operator,
-            emulated=EmulatedOptions(
-                as_built=as_built, seed=seed, speed=speed, control=control, answers=yes
-            ),
-            as_json=json,
-        )
-    )
-    raise typer.Exit(code)
+    raise typer.Exit(jog_cell(options))
 
 
-def teach(
-    what: Annotated[
-        Teachable,
-        typer.Argument(
-            metavar="WHAT", help="accept, reject or quarantine (the trays), park or station"
-        ),
-    ],
-    cell: Annotated[
-        Path,
-        typer.Option("--cell", metavar="FILE", help="cell file (YAML) to write the position to"),
-    ],
-    commands: CommandsOption = None,
-    yes: Annotated[
-        bool,
-        typer.Option(
-            "--yes",
-            help="with --commands: answer for the person, and write; emulated cells only",
-        ),
-    ] = False,
-    operator: Annotated[
-        str, typer.Option("--operator", metavar="NAME", help="your name (default: the user)")
-    ] = "",
-    as_built: AsBuiltOption = None,
-    seed: SeedOption = None,
-    speed: SpeedOption = 1.0,
-    control: ControlOption = None,
-    runs: RunsOption = Path("runs"),
-    json: JsonOption = False,
-) -> None:
+@from_fields
+def teach(options: TeachOptions) -> None:
     """Teach the position of a tray, the park or the station.
 
     Jog there and take the position. Nothing is written before you have seen the difference.
     """
     with loading():
-        from ..running.entering import EmulatedOptions
-        from .jogging import JogOptions
         from .teaching import teach as teach_cell
 
-    code = teach_cell(
-        JogOptions(
-            cell_path=cell,
-            runs_dir=runs,
-            commands=commands,
-            operator=operator,
-            emulated=EmulatedOptions(
-                as_built=as_built, seed=seed, speed=speed, control=control, answers=yes
-            ),
-            as_json=json,
-            name="teach",
-        ),
-        what.value,
-        writes=yes,
-    )
-    raise typer.Exit(code)
+    raise typer.Exit(teach_cell(options))

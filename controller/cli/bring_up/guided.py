@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
@@ -21,40 +20,15 @@ from controller.config import Cell, ConfigError, load_recipe
 from controller.setup.drivers import require_drivers
 
 from ..running.door import OperatorDoor
-from ..running.entering import EmulatedOptions, Entered, check_entering, entered, user_name
+from ..running.entering import Entered, check_entering, entered, user_name
 from ..terminal.output import emit, print_line
+from .arguments import GuidedOptions
 from .calibration_lines import calibration_lines
 
 RUN_NAME: Final = "commission"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GuidedOptions:
-    """The command line of `cellctl commission`.
-
-    Attributes
-    ----------
-    cell_path : cell file as drawn
-    out : folder of what is found, None for commissioning/NAME
-    step : the one to repeat, None for all that are due
-    operator : name of the person who commissions; empty for the user
-    recipes : recipes for the cell; empty for those beside the cell file
-    emulated : options of the emulated cell
-    runs : folder of the runs on the cell, for how often each calibration was used
-    as_json : print JSON lines
-    """
-
-    cell_path: Path
-    out: Path | None
-    step: str | None
-    operator: str
-    recipes: tuple[Path, ...]
-    emulated: EmulatedOptions
-    runs: Path
-    as_json: bool
-
-
-def guide(options: GuidedOptions, *, status_only: bool) -> int:
+def guide(options: GuidedOptions) -> int:
     """Run the steps that are due, or print their state; return 0 if all are done.
 
     Raises
@@ -63,9 +37,9 @@ def guide(options: GuidedOptions, *, status_only: bool) -> int:
     """
     order = _order(options)
     standings = order.standings(datetime.now(UTC))
-    if status_only:
+    if options.status:
         _report_standings(standings, order, as_json=options.as_json)
-        _report_calibrations(order, options.runs, as_json=options.as_json)
+        _report_calibrations(order, options.runs_dir, as_json=options.as_json)
         return 0 if _all_done(standings) else 1
     steps = due(standings, options.step)
     if not steps:
@@ -93,7 +67,7 @@ def _order(options: GuidedOptions) -> CommissionOrder:
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {out}: is a file; name a folder")
     recipes = options.recipes or recipes_beside(options.cell_path)
-    for one in options.recipes:
+    for one in options.recipes or ():
         load_recipe(one)  # before anything starts
     return CommissionOrder(
         options.cell_path, CommissioningFolder(out), options.operator or user_name(), tuple(recipes)
@@ -112,8 +86,8 @@ def recipes_beside(cell_path: Path) -> tuple[Path, ...]:
 
 def _check(options: GuidedOptions, cell: Cell, out: Path) -> None:
     """Check everything that can be checked before the start."""
-    check_entering(options.emulated, cell, out, "--out")
-    if options.emulated.answers and not cell.emulated_devices and options.emulated.control is None:
+    check_entering(options.emulated, cell, out, "--out", answers=options.answers)
+    if options.answers and not cell.emulated_devices and options.emulated.control is None:
         raise ConfigError(
             "--yes needs hands in the emulated cell: give the socket of `cellctl emulate "
             "--control FILE` by --control"
@@ -130,7 +104,7 @@ def _run(
 async def _drive(
     options: GuidedOptions, order: CommissionOrder, steps: Sequence[str], inside: Entered
 ) -> tuple[StepRecord, ...]:
-    helper = EmulatedPerson(inside.control) if options.emulated.answers else None
+    helper = EmulatedPerson(inside.control) if options.answers else None
     door = OperatorDoor(
         order.folder.path, inside.holder, helper, waits=False, as_json=options.as_json
     )

@@ -4,7 +4,6 @@ import asyncio
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -13,37 +12,12 @@ from controller.bring_up.procedure import StepEnd, StepRecord
 from controller.config import Cell, ConfigError, load_cell
 from controller.setup.drivers import require_drivers
 
-from ..running.entering import EmulatedOptions, check_entering, entered, user_name
+from ..running.entering import check_entering, entered, user_name
 from ..terminal.output import emit, print_line, warn
+from .arguments import JogOptions
 from .pilots import KeyPilot, LinePilot, script_text
 
 STDIN: Final = Path("-")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JogOptions:
-    """The command line of `cellctl jog`, and the options that `teach` shares with it.
-
-    Attributes
-    ----------
-    cell_path : cell file, calibrated or not
-    runs_dir : folder of all runs and of the journal
-    commands : file of orders, `-` for standard input, None for keys
-    operator : name of the person who jogs; empty for the user
-    emulated : options of the emulated cell
-    as_json : print JSON lines
-    name : name of the command
-    takes : argument of the order `take`; empty if it has none
-    """
-
-    cell_path: Path
-    runs_dir: Path
-    commands: Path | None
-    operator: str
-    emulated: EmulatedOptions
-    as_json: bool
-    name: str = "jog"
-    takes: str = ""
 
 
 def jog_cell(options: JogOptions) -> int:
@@ -76,11 +50,11 @@ def check_jog(options: JogOptions, cell: Cell) -> None:
                 "standard input or output is no terminal: start it in one, or give orders by "
                 "--commands FILE (`-` for standard input)"
             )
-        if options.emulated.answers:
+        if options.answers:
             raise ConfigError("--yes requires --commands: at a terminal you answer yourself")
     elif options.commands != STDIN:
         script_text(options.commands)
-    check_entering(options.emulated, cell, options.runs_dir, "--runs")
+    check_entering(options.emulated, cell, options.runs_dir, "--runs", answers=options.answers)
 
 
 def run_jog(
@@ -129,7 +103,7 @@ def _pilot(options: JogOptions, by: str) -> Iterator[KeyPilot | LinePilot]:
         with keys.heard():
             yield keys
         return
-    lines = LinePilot(answers=options.emulated.answers, as_json=options.as_json)
+    lines = LinePilot(answers=options.answers, as_json=options.as_json)
     with lines.heard(None if options.commands == STDIN else options.commands):
         yield lines
 

@@ -3,7 +3,7 @@
 import difflib
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, get_args
@@ -37,7 +37,8 @@ from controller.setup.software import software_versions
 from ..inputs.checks import check_writable_folder
 from ..running.entering import user_name
 from ..terminal.output import emit, print_line, warn
-from .jogging import JogOptions, check_jog, run_jog
+from .arguments import TeachOptions
+from .jogging import check_jog, run_jog
 
 PARK: Final = "park"
 STATION: Final = "station"
@@ -63,24 +64,17 @@ class TaughtChange:
     trays: TraysCalibration | None = None
 
 
-def teach(options: JogOptions, what: str, *, writes: bool) -> int:
+def teach(options: TeachOptions) -> int:
     """Jog to a place, and write it after showing the difference; return the exit code.
-
-    Parameters
-    ----------
-    options : options of the command line
-    what : a tray, `park` or `station`
-    writes : write without a question
 
     Raises
     ------
     ConfigError : a file or an option is wrong
     """
-    path = options.cell_path
+    path, what = options.cell_path, options.what.value
     cell = load_cell(path)
     teacher = Teacher(path, cell, what, options.operator or user_name())
     teacher.check()
-    options = replace(options, takes=f"takes the position of `{what}`")
     check_jog(options, cell)
     record, taken = run_jog(options, cell, teacher.why_not)
     if record.outcome is not StepEnd.PASSED or taken is None:
@@ -95,7 +89,7 @@ def teach(options: JogOptions, what: str, *, writes: bool) -> int:
         print_line(change.words)
         for line in difference:
             print_line(line)
-    if not writes and not _is_confirmed():
+    if not options.answers and not _is_confirmed():
         warn("cellctl: nothing was written")
         return 1
     teacher.write(change)

@@ -10,6 +10,7 @@ from controller.cell.compute import MAX_RECIPE_COUNT
 from controller.config import ConfigError, find_recipe, load_recipe
 
 from ..options import MAX_PART_COUNT
+from ..terminal.output import warn
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +36,19 @@ def asked_recipes(words: Sequence[str], *, has_counts: bool = True) -> tuple[Ask
     if not words:
         return (AskedRecipe(find_recipe(None)),)
     return tuple(_asked(word, has_counts=has_counts) for word in words)
+
+
+def recipes_to_run(words: Sequence[str] | None) -> tuple[AskedRecipe, ...]:
+    """Return the recipes of a run; without a word the default one, which is named to the person.
+
+    Raises
+    ------
+    ConfigError : a count is none, or a name is of no recipe
+    """
+    asked = asked_recipes(words or ())
+    if not words:
+        warn(f"recipe: {asked[0].path}")
+    return asked
 
 
 def _asked(word: str, *, has_counts: bool) -> AskedRecipe:

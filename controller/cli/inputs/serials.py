@@ -1,7 +1,8 @@
 """Serial numbers on a command line: their source, and the ones taken already."""
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from controller.cell.batch import Papers
@@ -9,28 +10,11 @@ from controller.cell.journal import JOURNAL_NAME, JournalError, read_rows_named,
 from controller.cell.services.table import counted, parted, why_no_serial
 from controller.config import ConfigError
 
+from ..options import SerialOptions
 from ..terminal.output import warn
 from .parts_list import PartsList
 
 MAX_NAMED = 5  # numbers that a message lists
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SerialOptions:
-    """The options of a command line about serial numbers.
-
-    Attributes
-    ----------
-    serials : given one by one
-    counted_from : the first of numbers that are counted; None if none are
-    goes_on : counting goes on after the last number that an earlier run gave
-    is_read : each is read off its part
-    """
-
-    serials: tuple[str, ...] = ()
-    counted_from: str | None = None
-    goes_on: bool = False
-    is_read: bool = False
 
 
 def papers_of(
@@ -63,7 +47,7 @@ def papers_of(
     _warn_of_known([label.serial for _, label in labels if label.serial], runs_dir)
     return replace(
         papers,
-        serials=options.serials,
+        serials=tuple(options.serials or ()),
         listed=labels,
         counted_from=first,
         is_read=options.is_read,
@@ -85,10 +69,10 @@ def _check(options: SerialOptions, listed: PartsList | None, recipe_count: int) 
             "--serial requires a single recipe: with several, the order of the parts is not known; "
             "give the numbers in a list with --parts-list"
         )
-    for serial in options.serials:
+    for serial in options.serials or ():
         if why := why_no_serial(serial):
             raise ConfigError(f"--serial {serial!r}: {why}")
-    twice = [serial for serial in options.serials if options.serials.count(serial) > 1]
+    twice = [one for one, count in Counter(options.serials).items() if count > 1]
     if twice:
         raise ConfigError(f"--serial {twice[0]}: given twice; each part needs its own")
     if options.goes_on and options.counted_from is None:

@@ -7,7 +7,7 @@ import socket
 from dataclasses import dataclass
 from pathlib import Path
 
-from controller.cell.batch import GO_ON, Papers
+from controller.cell.batch import GO_ON
 from controller.cell.custody import CellIdentity, Held, fold_custody
 from controller.cell.custody.known_journals import (
     JournalLostError,
@@ -24,9 +24,9 @@ from controller.cell.services.records import RECIPE_COPY, inputs_of
 from controller.config import STEP_FORMATS, Cell, ConfigError, load_cell, split_cad
 from controller.config.files import file_sha256
 
-from ..inputs.recipes import AskedRecipe
 from ..terminal.output import warn
-from .recipe_run import RunOptions, run_recipe
+from .arguments import RunOptions
+from .recipe_run import run_recipe
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,31 +75,18 @@ def go_on_with_part(cell_path: Path, runs_dir: Path, why: str, *, as_json: bool)
     left = _interrupted(runs_dir, held[0].run, held[0].part)
     began = left.began
     options = RunOptions(
-        recipes=(AskedRecipe(recipe_of(left, runs_dir / held[0].run)),),
+        recipes=[str(recipe_of(left, runs_dir / held[0].run))],
         cell_path=cell_path,
         count=1,
-        speed=1.0,
-        seed=None,
-        as_built=None,
-        surfaces=None,
-        lay=(),
+        operator=began.operator,
+        lot=began.lot,
+        order_number=began.order_number,
+        part_temperature_c=began.part_temperature_c,
         empty=True,
-        pose=None,
-        at=None,
-        control=None,
         runs_dir=runs_dir,
-        is_part_removed=False,
-        is_recovery_automatic=False,
-        papers=Papers(
-            began.operator,
-            began.lot,
-            part_temperature_c=began.part_temperature_c,
-            order_number=began.order_number,
-        ),
         as_json=as_json,
-        operator=AcceptingOperator(why),
     )
-    return run_recipe(options)
+    return run_recipe(options, AcceptingOperator(why))
 
 
 def _left(cell: Cell, runs_dir: Path) -> tuple[Held, ...]:

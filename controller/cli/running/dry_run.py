@@ -2,6 +2,7 @@
 
 import asyncio
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from controller.bring_up.dry import DryOrder, DryPlan, DrySession, dry_plan
@@ -18,10 +19,12 @@ from controller.results.run import load_run
 from controller.results.writing import write_html
 from controller.setup.drivers import require_drivers
 
+from ..inputs.recipes import recipes_to_run
+from ..options import EmulatedOptions
 from ..terminal.output import emit, print_line, warn
+from .arguments import RunOptions
 from .door import OperatorDoor
-from .entering import EmulatedOptions, Entered, check_entering, entered, user_name
-from .recipe_run import RunOptions
+from .entering import Entered, check_entering, entered, user_name
 from .report_file import note_report, warn_no_report
 
 
@@ -43,9 +46,8 @@ def run_dry(options: RunOptions) -> int:
         seed=options.seed,
         speed=options.speed,
         control=options.control,
-        answers=False,
     )
-    check_entering(emulated, cell, options.runs_dir, "--runs")
+    check_entering(emulated, cell, options.runs_dir, "--runs", answers=False)
     check_sizes(recipe_path, recipe, cell)
     if not options.as_json:
         print_line("planning; nothing moves yet")
@@ -53,8 +55,9 @@ def run_dry(options: RunOptions) -> int:
     for why in plan.left_out:
         warn(f"left out: {why}")
     run_id = f"{new_run_id(recipe)}-dry"
+    files = (recipe_path, cell_path, *files_of(recipe.part))
     with entered(emulated, cell_path, cell, options.runs_dir, run_id) as inside:
-        record = asyncio.run(_drive(options, recipe, cell, plan, run_id, inside))
+        record = asyncio.run(_drive(options, files, recipe, cell, plan, run_id, inside))
     _report(options, record, plan, run_id)
     return 0 if record.outcome is StepEnd.PASSED and not plan.left_out else 1
 
@@ -66,7 +69,7 @@ def _recipe_path(options: RunOptions) -> Path:
     ------
     ConfigError : there are several, or it has a count
     """
-    asked, *more = options.recipes
+    asked, *more = recipes_to_run(options.recipes)
     if more:
         raise ConfigError(f"{more[0].path}: --dry takes one recipe")
     if asked.count is not None:
@@ -87,13 +90,13 @@ def _check_options(options: RunOptions) -> None:
         "--part-removed": options.is_part_removed,
         "--trays-empty": options.are_trays_empty,
         "--auto-recover": options.is_recovery_automatic,
-        "--lot": bool(options.papers.lot),
-        "--order": bool(options.papers.order_number),
+        "--lot": bool(options.lot),
+        "--order": bool(options.order_number.strip()),
         "--serial": bool(options.serials.serials),
         "--serial-from": options.serials.counted_from is not None,
-        "--parts-list": options.listed is not None,
+        "--parts-list": options.parts_list is not None,
         "--scan": options.serials.is_read,
-        "--part-temperature": options.papers.part_temperature_c is not None,
+        "--part-temperature": options.part_temperature_c is not None,
     }
     for option, is_given in given.items():
         if is_given:
@@ -138,7 +141,13 @@ def _pose(poses: tuple[StablePose, ...], index: int | None) -> StablePose:
 
 
 async def _drive(
-    options: RunOptions, recipe: Recipe, cell: Cell, plan: DryPlan, run_id: str, inside: Entered
+    options: RunOptions,
+    files: Sequence[Path],
+    recipe: Recipe,
+    cell: Cell,
+    plan: DryPlan,
+    run_id: str,
+    inside: Entered,
 ) -> StepRecord:
     door = OperatorDoor(
         options.runs_dir, inside.holder, waits=options.waits, as_json=options.as_json
@@ -150,8 +159,6 @@ async def _drive(
         else:
             print_line(f"  {text}")
 
-    cad = files_of(recipe.part)
-    files = (_recipe_path(options), options.cell_path or recipe.cell, *cad)
     async with door.open():
         session = DrySession(
             DryOrder(
@@ -163,7 +170,7 @@ async def _drive(
                 clock=inside.clock,
                 runs_dir=options.runs_dir,
                 run_id=run_id,
-                by=options.papers.operator or user_name(),
+                by=options.operator or user_name(),
                 is_stepwise=options.is_stepwise,
             ),
             door,

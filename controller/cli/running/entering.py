@@ -19,26 +19,9 @@ from controller.config import Cell, ConfigError
 
 from ..devices.doctor_checks import machine_checks
 from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder
+from ..options import EmulatedOptions
 from ..terminal.output import warn
 from .ends import CommandEnds
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EmulatedOptions:
-    """The options of a command line that concern the emulated cell.
-
-    Attributes
-    ----------
-    as_built, seed, speed : of the emulated cell
-    control : unix socket of the emulated cell's control port, None for one of our own
-    answers : a helper answers for the person
-    """
-
-    as_built: int | None
-    seed: int | None
-    speed: float
-    control: Path | None
-    answers: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +59,9 @@ def is_all_emulated(cell: Cell) -> bool:
     )
 
 
-def check_entering(options: EmulatedOptions, cell: Cell, folder: Path, folder_option: str) -> None:
+def check_entering(
+    options: EmulatedOptions, cell: Cell, folder: Path, folder_option: str, *, answers: bool
+) -> None:
     """Check everything that can be checked before the start.
 
     Parameters
@@ -85,6 +70,7 @@ def check_entering(options: EmulatedOptions, cell: Cell, folder: Path, folder_op
     cell : cell to enter
     folder : folder of the journal
     folder_option : option by which it was given
+    answers : a helper answers for the person
 
     Raises
     ------
@@ -94,7 +80,7 @@ def check_entering(options: EmulatedOptions, cell: Cell, folder: Path, folder_op
     check_writable_folder(folder, folder_option, MIN_FREE_BYTES)
     require_free_cell(folder, cell)
     check_control(options.control)
-    if options.answers and not is_all_emulated(cell):
+    if answers and not is_all_emulated(cell):
         raise ConfigError(
             "--yes answers for a person, and this cell has real devices: somebody has to stand "
             "at the emergency stop. Start the command in a terminal, without --yes"

@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from controller.arrays import FloatArray
 from controller.cad.compiled import CompiledPart
@@ -44,11 +44,12 @@ from controller.setup.drivers import require_drivers, require_force
 
 from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder, parse_place
 from ..inputs.part_files import emulated_orientation, for_emulator
-from ..inputs.parts_list import PartsList
-from ..inputs.recipes import AskedRecipe, cell_of, ordered_recipes
-from ..inputs.serials import SerialOptions, papers_of
+from ..inputs.parts_list import load_parts_list
+from ..inputs.recipes import cell_of, ordered_recipes, recipes_to_run
+from ..inputs.serials import papers_of
 from ..planning.recipe_check import warn_of
 from ..terminal.output import log_stream, warn
+from .arguments import RunOptions
 from .door import OperatorDoor
 from .emulated_parts import feeding, parts_on_table
 from .ends import CommandEnds
@@ -56,74 +57,8 @@ from .report_file import note_report, warn_no_report
 from .run_output import display, print_result
 
 log = logging.getLogger(__name__)
-NO_SERIALS: Final = SerialOptions()
-
 COMPUTES = "controller.cell.compute"  # answers in a worker process
 AHEAD_NICENESS = 5  # work on the next part gives way to work that the arm waits for
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunOptions:
-    """The command line of `cellctl run`.
-
-    Attributes
-    ----------
-    recipes : files, each with a number of parts where one was given
-    cell_path : cell file, None for the recipes'
-    count : parts to inspect of each recipe without a number, None for the recipe's own
-    speed : speed of the emulated cell, times real time
-    is_on_wall_clock : the emulated cell's time runs on while this computer is late
-    seed : seed of the emulated cell, None to draw one
-    as_built : seed of how the emulated cell differs from its file, None for not at all
-    surfaces : surfaces of emulated parts, "plain" or "machined"; None: as `as_built` has it
-    lay : CAD files of the parts on the emulated table; empty for the parts of the recipes
-    on_table : parts on the emulated table at a time, None for all of them
-    empty : leave the emulated table empty
-    pose : stable pose of the first emulated part by index, None to draw it by the seed
-    at : planar pose of the first emulated part, "X,Y,THETA_DEG"; None to draw it by the seed
-    control : unix socket on which tests inject faults, None for none
-    runs_dir : folder of all runs and of the journal
-    is_part_removed : the operator states that no gripper holds a part
-    is_recovery_automatic : a part that an earlier run left goes on where that is proven safe
-    operator : name of the person who decides on that in advance, None for whoever is there
-    papers : operator, serials and lots
-    serials : source of serial numbers
-    listed : the list of parts that the recipes are of, None without one
-    waits : wait for an answer where a person has to decide, also without a terminal
-    are_trays_empty : the operator states that nothing stands in the trays
-    is_stepwise : a person lets each motion begin
-    is_dry : drive all motions, lifted and slow, without a part
-    record : file to keep all wires in, None for none
-    as_json : print one JSON object a line instead of the live display
-    """
-
-    recipes: tuple[AskedRecipe, ...]
-    cell_path: Path | None
-    count: int | None
-    speed: float
-    seed: int | None
-    as_built: int | None
-    surfaces: str | None
-    lay: tuple[Path, ...]
-    empty: bool
-    pose: int | None
-    at: str | None
-    control: Path | None
-    runs_dir: Path
-    is_part_removed: bool
-    is_recovery_automatic: bool
-    papers: Papers
-    as_json: bool
-    operator: Operator | None = None
-    waits: bool = False
-    are_trays_empty: bool = False
-    is_stepwise: bool = False
-    is_dry: bool = False
-    record: Path | None = None
-    on_table: int | None = None
-    is_on_wall_clock: bool = False
-    serials: SerialOptions = NO_SERIALS
-    listed: PartsList | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -155,8 +90,13 @@ class _Asked:
         return jobs_of(self.ordered, self.cell_file)
 
 
-def run_recipe(options: RunOptions) -> int:
+def run_recipe(options: RunOptions, in_advance: Operator | None = None) -> int:
     """Run one recipe or several; return the exit code: 0 if all parts passed, else 1.
+
+    Parameters
+    ----------
+    options : the command line
+    in_advance : who decides in advance about a part left in a gripper; None for who is there
 
     Raises
     ------
@@ -173,11 +113,11 @@ def run_recipe(options: RunOptions) -> int:
         with CommandEnds().heard() as ends, _workers(options, asked) as (pool, ahead):
             with _cell_beside(options, asked, command) as ready:
                 _report_transport(ready)
-                order = _order(options, asked, ready)
+                order = _order(options, asked, ready, in_advance)
                 door = OperatorDoor(
                     runs_dir,
                     holder,
-                    options.operator,
+                    in_advance,
                     waits=options.waits,
                     scans=asked.papers.is_read,
                     as_json=as_json,
@@ -194,23 +134,27 @@ def _asked(options: RunOptions) -> _Asked:
     ------
     ConfigError : as in `run_recipe`
     """
-    ordered = ordered_recipes(options.recipes, options.count)
+    listed = (
+        None if options.parts_list is None else load_parts_list(options.parts_list, options.lot)
+    )
+    recipes = recipes_to_run(options.recipes) if listed is None else listed.recipes
+    ordered = ordered_recipes(recipes, options.count)
     cell_file = cell_of(ordered, options.cell_path)
     cell = load_cell(cell_file)
     require_drivers(cell_file, cell)
-    clock = _check_options(options, cell)
+    clock = _check_options(options, cell, len(ordered))
     for one in ordered:
         check_sizes(one.path, one.recipe, cell)
         require_force(one.path, one.recipe.grasp.force_n, cell)
     papers = papers_of(
         options.serials,
-        options.papers,
-        options.listed,
+        given_papers(options),
+        listed,
         len(ordered),
         sum(one.count for one in ordered),
         options.runs_dir,
     )
-    on_table = parts_on_table(ordered, options.lay, is_empty=options.empty)
+    on_table = parts_on_table(ordered, options.lay or (), is_empty=options.empty)
     return _Asked(
         ordered=tuple(ordered),
         cell_file=cell_file,
@@ -220,6 +164,16 @@ def _asked(options: RunOptions) -> _Asked:
         on_table=on_table,
         orientation=emulated_orientation([part for _, part in on_table], options.pose),
         run_id=new_run_id(ordered[0].recipe, more=len(ordered) - 1),
+    )
+
+
+def given_papers(options: RunOptions) -> Papers:
+    """Return the papers as the command line gives them, without serial numbers."""
+    return Papers(
+        options.operator,
+        options.lot,
+        part_temperature_c=options.part_temperature_c,
+        order_number=options.order_number.strip(),
     )
 
 
@@ -283,7 +237,9 @@ def _cell_beside(
     return emulated_cell(command, options.runs_dir / asked.run_id / "emulator.log")
 
 
-def _order(options: RunOptions, asked: _Asked, ready: dict[str, Any]) -> RunOrder:
+def _order(
+    options: RunOptions, asked: _Asked, ready: dict[str, Any], in_advance: Operator | None
+) -> RunOrder:
     """Return the order to run; `ready` is the emulated cell's announcement."""
     first, *beside = asked.ordered
     return RunOrder(
@@ -300,7 +256,7 @@ def _order(options: RunOptions, asked: _Asked, ready: dict[str, Any]) -> RunOrde
         is_part_removed=options.is_part_removed,
         are_trays_empty=options.are_trays_empty,
         papers=asked.papers,
-        recovery=_recovery_policy(options),
+        recovery=_recovery_policy(options, in_advance),
         is_stepwise=options.is_stepwise,
         beside=tuple(beside),
     )
@@ -317,16 +273,16 @@ def _are_ready(jobs: Sequence[Job], *, as_json: bool) -> bool:
     return are_ready
 
 
-def _recovery_policy(options: RunOptions) -> RecoveryPolicy:
+def _recovery_policy(options: RunOptions, in_advance: Operator | None) -> RecoveryPolicy:
     """Return the policy for a part in a gripper at the start: without a terminal nobody answers."""
     if options.is_recovery_automatic:
         return "auto"
-    if options.operator is not None or options.waits:
+    if in_advance is not None or options.waits:
         return "ask"
     return "ask" if sys.stdin.isatty() else "refuse"
 
 
-def _check_options(options: RunOptions, cell: Cell) -> FoundClock:
+def _check_options(options: RunOptions, cell: Cell, recipe_count: int) -> FoundClock:
     """Check everything that can be checked without the part; return the run's clock."""
     check_writable_folder(options.runs_dir, "--runs", MIN_FREE_BYTES)
     require_free_cell(options.runs_dir, cell)
@@ -337,7 +293,7 @@ def _check_options(options: RunOptions, cell: Cell) -> FoundClock:
             "--step asks before each motion, and there is no terminal to ask at: add --wait, and "
             "give `cellctl answer go` in another terminal"
         )
-    if options.record is not None and len(options.recipes) > 1:
+    if options.record is not None and recipe_count > 1:
         raise ConfigError(
             "--record takes a run of one recipe; leave out --record or the other recipes"
         )
