@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from drivers.clock import CellClock
 from drivers.errors import LinkError
 from drivers.supervisor import BlindStop, Orders
-from drivers.supervisor.__main__ import Supervisor
+from drivers.supervisor.process import Supervisor
 from emulators.clock import SharedClock
 from emulators.register import register_folder, registered
 
