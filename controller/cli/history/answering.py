@@ -1,7 +1,6 @@
 """`cellctl history`: a list of parts, one part's full record, or an export."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,85 +20,55 @@ from ..inputs.checks import check_writable_folder
 from ..inputs.history_store import filled_store, instant
 from ..terminal.figures_table import print_figures
 from ..terminal.output import emit, print_line
+from .arguments import HistoryOptions, PartFilter
 from .tables import COLUMNS, part_row, print_columns, print_record
 
 VERDICTS = ("pass", "fail", "indeterminate", "not evaluated", "no verdict")
 
 
-@dataclass(frozen=True, slots=True)
-class FilterWords:
-    """The filters as words of the command line."""
-
-    recipe: str = ""
-    verdict: str = ""
-    serial: str = ""
-    lot: str = ""
-    order_number: str = ""
-    operator: str = ""
-    run: str = ""
-    since: str | None = None
-    until: str | None = None
-    review: str = ""
-    cell: str = ""
-
-    def filters(self) -> Filters:
-        """Return the store's filters for these options.
-
-        Raises
-        ------
-        ConfigError : there is no such verdict, or a date is none
-        """
-        verdict = self.verdict.lower().replace("_", " ")
-        if verdict and verdict not in VERDICTS:
-            raise ConfigError(f"--verdict {self.verdict}: must be one of {', '.join(VERDICTS)}")
-        return Filters(
-            recipe=self.recipe,
-            verdict=verdict,
-            serial=self.serial,
-            lot=self.lot,
-            order_number=self.order_number,
-            operator=self.operator,
-            run=self.run,
-            since=None if self.since is None else instant(self.since, "--since"),
-            until=None if self.until is None else instant(self.until, "--until", is_end=True),
-            review=self.review,
-            cell=self.cell,
-        )
-
-
-def answer(
-    part: str | None,
-    asked: FilterWords,
-    limit: int,
-    by: str | None,
-    file: Path | None,
-    runs_dir: Path,
-    url: str | None,
-    *,
-    anew: bool,
-    as_json: bool,
-) -> int:
-    """Print the store's answer; return the exit code.
+def filters_of(recipe: str, chosen: PartFilter, verdict: str = "", review: str = "") -> Filters:
+    """Return the store's filters for options of the command line.
 
     Parameters
     ----------
-    part : serial number or RUN/NUMBER; None for a list
-    asked : parts to list
-    limit : largest number
-    by : one of `GROUPS` to count the parts; None to list them
-    file : file to export to; None to print
-    runs_dir : folder of all runs
-    url : URL of the store; None for the folder's own
-    anew : fill it from the journals' first row on
-    as_json : print JSON lines instead of a table
+    recipe, verdict : of the parts; empty for any
+    chosen : more that selects parts
+    review : whether a person's verdict is awaited or there; empty for either
+
+    Raises
+    ------
+    ConfigError : there is no such verdict, or a date is none
+    """
+    word = verdict.lower().replace("_", " ")
+    if word and word not in VERDICTS:
+        raise ConfigError(f"--verdict {verdict}: must be one of {', '.join(VERDICTS)}")
+    return Filters(
+        recipe=recipe,
+        verdict=word,
+        serial=chosen.serial,
+        lot=chosen.lot,
+        order_number=chosen.order_number,
+        operator=chosen.operator,
+        run=chosen.run,
+        since=None if chosen.since is None else instant(chosen.since, "--since"),
+        until=None if chosen.until is None else instant(chosen.until, "--until", is_end=True),
+        review=review,
+        cell=chosen.cell,
+    )
+
+
+def answer(options: HistoryOptions) -> int:
+    """Print the store's answer; return the exit code.
 
     Raises
     ------
     ConfigError : a filter or a file is wrong
     HistoryError : there is nothing to read, or no such part
     """
-    filters = asked.filters()
-    if part is not None and (file is not None or asked != FilterWords()):
+    part, by, file, as_json = options.part, options.by, options.export, options.as_json
+    review: str = "awaiting" if options.awaits_review else "reviewed" if options.is_reviewed else ""
+    filters = filters_of(options.recipe, options.chosen, options.verdict, review)
+    if part is not None and (file is not None or filters != Filters()):
         raise ConfigError(f"PART {part}: cannot be combined with filters or --export")
     if by is not None and (by not in GROUPS or part is not None or file is not None):
         raise ConfigError(
@@ -109,17 +78,17 @@ def answer(
         if file.suffix.lower() not in FORMS or file.is_dir():
             raise ConfigError(f"--export {file}: name a file that ends in {', '.join(FORMS)}")
         check_writable_folder(file.parent, "--export in")
-    with filled_store(runs_dir, url, anew=anew) as store:
+    with filled_store(options.runs_dir, options.store_url, anew=options.is_refilled) as store:
         if part is not None:
             for record in find_parts(store, part):
                 emit({"event": "part", **record}) if as_json else print_record(record)
         elif by is not None:
             print_figures(figures(store, filters, by), by, as_json=as_json)
         elif file is not None:
-            count = export(store, filters, file, runs_dir)
+            count = export(store, filters, file, options.runs_dir)
             _print_written(file, count, as_json=as_json)
         else:
-            _print_list(list_parts(store, filters, limit), as_json=as_json)
+            _print_list(list_parts(store, filters, options.limit), as_json=as_json)
     return 0
 
 

@@ -3,7 +3,7 @@
 import getpass
 import webbrowser
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,8 @@ from controller.results.run import ResultsError
 from ..inputs.checks import check_writable_folder
 from ..inputs.history_store import filled_store
 from ..terminal.output import emit, print_line, warn
-from .answering import FilterWords
+from .answering import filters_of
+from .arguments import PartFilter, ReviewOptions
 from .tables import instant_words, print_columns, print_record, review_word, tray_words
 
 COLUMNS = (
@@ -33,71 +34,30 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class ReviewOptions:
-    """The options of the command line.
-
-    Attributes
-    ----------
-    part : serial number or RUN/NUMBER; None for a list
-    verdict : None to show the part
-    findings : each as ``N=WORD``
-    output : page to write; None for one in the run's folder
-    is_opened : open it in a browser
-    is_all : list parts that a person has decided on, too
-    """
-
-    part: str | None
-    verdict: str | None
-    why: str
-    who: str
-    findings: tuple[str, ...]
-    output: Path | None
-    is_opened: bool
-    is_all: bool
-
-
-def review_parts(
-    order: ReviewOptions,
-    asked: FilterWords,
-    limit: int,
-    runs_dir: Path,
-    url: str | None,
-    *,
-    as_json: bool,
-) -> int:
+def review_parts(order: ReviewOptions) -> int:
     """List parts, show one, or write a verdict; return the exit code.
-
-    Parameters
-    ----------
-    order : order to carry out
-    asked : parts to list
-    limit : largest number
-    runs_dir : folder of all runs
-    url : URL of the store; None for the folder's own
-    as_json : print JSON lines instead of tables
 
     Raises
     ------
     ConfigError : the options do not go together, or one is wrong
     HistoryError : there is no such part, or no verdict can be written
     """
-    _check(order, asked)
-    with filled_store(runs_dir, url) as store:
+    _check(order)
+    with filled_store(order.runs_dir, order.store_url) as store:
         if order.part is None:
-            _list(store, order, asked, limit, as_json=as_json)
+            _list(store, order)
         elif order.verdict is None:
-            _show(store, order, order.part, runs_dir, as_json=as_json)
+            _show(store, order, order.part)
         else:
-            _decide(store, order, order.part, order.verdict, runs_dir, as_json=as_json)
+            _decide(store, order, order.part, order.verdict)
     return 0
 
 
-def _check(order: ReviewOptions, asked: FilterWords) -> None:
+def _check(order: ReviewOptions) -> None:
     """Raise ConfigError if options do not go together."""
     if order.part is None and (order.verdict or order.output or order.is_opened):
         raise ConfigError("--verdict, --output and --open need PART: a serial number or RUN/NUMBER")
-    if order.part is not None and (order.is_all or asked != FilterWords()):
+    if order.part is not None and (order.is_all or order.recipe or order.chosen != PartFilter()):
         raise ConfigError(f"PART {order.part}: cannot be combined with filters")
     if order.verdict is None and (order.why or order.who or order.findings):
         raise ConfigError("--why, --who and --finding require --verdict")
@@ -114,15 +74,14 @@ def _check(order: ReviewOptions, asked: FilterWords) -> None:
         check_writable_folder(order.output.parent, "--output in")
 
 
-def _list(
-    store: Store, order: ReviewOptions, asked: FilterWords, limit: int, *, as_json: bool
-) -> None:
-    awaiting = list_parts(store, replace(asked, review="awaiting").filters(), limit)
+def _list(store: Store, order: ReviewOptions) -> None:
+    filters = filters_of(order.recipe, order.chosen, review="awaiting")
+    awaiting = list_parts(store, filters, order.limit)
     decided = None
     if order.is_all:
-        decided = list_parts(store, replace(asked, review="reviewed").filters(), limit)
+        decided = list_parts(store, replace(filters, review="reviewed"), order.limit)
     parts = [*awaiting.parts, *(decided.parts if decided else ())]
-    if as_json:
+    if order.as_json:
         for one in parts:
             emit({"event": "part", **one})
         emit({"event": "listed", "awaiting": awaiting.count, "listed": len(parts)})
@@ -151,15 +110,15 @@ def _row(part: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _show(store: Store, order: ReviewOptions, word: str, runs_dir: Path, *, as_json: bool) -> None:
-    part = one_part(store, word)
+def _show(store: Store, order: ReviewOptions, word: str) -> None:
+    part, runs_dir = one_part(store, word), order.runs_dir
     crops = _crops(part, runs_dir)
     page = None
     if crops is not None:
         name = f"review_part{int(part['number']):03d}.html"
         page = write_review_page(crops, part, order.output or runs_dir / str(part["run"]) / name)
     pictures = {int(one["number"]): _picture(crops, int(one["number"])) for one in part["findings"]}
-    if as_json:
+    if order.as_json:
         findings = [{**one, "picture": pictures[int(one["number"])]} for one in part["findings"]]
         emit({"event": "part", **part, "findings": findings, "page": str(page) if page else None})
     else:
@@ -193,14 +152,12 @@ def _picture(crops: PartCrops | None, number: int) -> str | None:
     return str(crops.judged.pictures.folder / found.file)
 
 
-def _decide(
-    store: Store, order: ReviewOptions, word: str, verdict: str, runs_dir: Path, *, as_json: bool
-) -> None:
+def _decide(store: Store, order: ReviewOptions, word: str, verdict: str) -> None:
     user = getpass.getuser()
     who = f"{order.who} ({user})" if order.who else user
-    decision = PartDecision(verdict, who, order.why, dict(map(_named, order.findings)))
-    part = decide(store, runs_dir, word, decision)
-    if as_json:
+    decision = PartDecision(verdict, who, order.why, dict(map(_named, order.findings or ())))
+    part = decide(store, order.runs_dir, word, decision)
+    if order.as_json:
         emit({"event": "reviewed", **part})
         return
     before = len(part["reviews"]) - 1

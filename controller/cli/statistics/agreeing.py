@@ -1,7 +1,5 @@
 """`cellctl stats --review`: the agreement of persons with the machine."""
 
-from pathlib import Path
-
 from rich import box
 from rich.table import Table
 
@@ -10,7 +8,8 @@ from controller.history.reviewing import Agreement, Rate, Reviewed, agreement, a
 from ..inputs.history_store import filled_store
 from ..terminal.figures_table import print_table
 from ..terminal.output import emit, print_line
-from .yields import Chosen
+from .arguments import StatsOptions
+from .yields import filters_of
 
 TEXT_COLUMNS = 200
 VERDICT_COLUMNS = ("recipe", "the machine", "the person", "parts")
@@ -20,25 +19,18 @@ FINDING_COLUMNS = (
 LISTED_COUNT = 20  # unreviewed, likely false alarms that are listed
 
 
-def report_agreement(runs_dir: Path, url: str | None, chosen: Chosen, *, as_json: bool) -> int:
+def report_agreement(options: StatsOptions) -> int:
     """Print the agreement of persons with the machine; return the exit code.
-
-    Parameters
-    ----------
-    runs_dir : folder of all runs
-    url : URL of the store; None for the folder's own
-    chosen : parts to count
-    as_json : print JSON lines instead of tables
 
     Raises
     ------
     ConfigError : a date is none
     HistoryError : there is nothing to read
     """
-    filters = chosen.filters()
-    with filled_store(runs_dir, url) as store:
+    filters = filters_of(options)
+    with filled_store(options.runs_dir, options.store_url) as store:
         found = agreement(store, filters)
-    if as_json:
+    if options.as_json:
         for line in agreement_json(found):
             emit(line)
     else:

@@ -7,67 +7,12 @@ import typer
 
 from controller.loading import loading
 
-from ..options import JsonOption, RunsOption, StoreOption
+from ..options import JsonOption, RunsOption, from_fields
+from .arguments import PartChoice, StatsOptions
 
 
-def stats(
-    recipe: Annotated[
-        str | None, typer.Argument(metavar="RECIPE", help="name of the recipe (default: all)")
-    ] = None,
-    by: Annotated[
-        str | None,
-        typer.Option(
-            "--by",
-            metavar="GROUP",
-            help="group by day, run, recipe, lot, order, operator or cell, with --takt also by "
-            "part (default without RECIPE: recipe)",
-        ),
-    ] = None,
-    takt: Annotated[
-        bool,
-        typer.Option("--takt", help="how long the arm moved, and what it waited for"),
-    ] = False,
-    review: Annotated[
-        bool,
-        typer.Option(
-            "--review",
-            help="how often persons agree with the machine, and likely false alarms",
-        ),
-    ] = False,
-    lot: Annotated[
-        str, typer.Option(metavar="LOT", help="with --by, --takt or --review: parts of this lot")
-    ] = "",
-    order: Annotated[
-        str,
-        typer.Option(metavar="NUMBER", help="with --by, --takt or --review: parts of this order"),
-    ] = "",
-    operator: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="with --by, --takt or --review: parts of this operator"),
-    ] = "",
-    cell_name: Annotated[
-        str, typer.Option(metavar="NAME", help="with --by or --review: parts of this cell")
-    ] = "",
-    since: Annotated[
-        str | None,
-        typer.Option(
-            metavar="DATE", help="with --by, --takt or --review: parts begun then or later (UTC)"
-        ),
-    ] = None,
-    until: Annotated[
-        str | None,
-        typer.Option(
-            metavar="DATE", help="with --by, --takt or --review: parts begun then or before (UTC)"
-        ),
-    ] = None,
-    store: StoreOption = None,
-    report: Annotated[
-        Path | None,
-        typer.Option("--report", metavar="FILE", help="page to write (HTML), with run charts"),
-    ] = None,
-    runs: RunsOption = Path("runs"),
-    json: JsonOption = False,
-) -> None:
+@from_fields
+def stats(options: StatsOptions) -> None:
     """Report process capability, yield, takt or reviews.
 
     Of a recipe, for each characteristic: count, mean, spread, Cp, Cpk, Pp and Ppk with their 95 %
@@ -76,41 +21,39 @@ def stats(
     often persons agree with findings and verdicts. With --takt: how long the arm moved, and what
     it waited for.
     """
-    if review:
-        if takt or by or report:
+    chosen, by, report = options.chosen, options.by, options.report
+    if options.review:
+        if options.takt or by or report:
             raise typer.BadParameter("--review cannot be combined with --takt, --by or --report")
         with loading():
             from .agreeing import report_agreement
-            from .yields import Chosen
 
-        chosen = Chosen(recipe or "", lot, order, operator, since, until, cell_name)
-        raise typer.Exit(report_agreement(runs, store, chosen, as_json=json))
-    if takt:
+        raise typer.Exit(report_agreement(options))
+    if options.takt:
         with loading():
             from .takt_table import report_takt
-            from .yields import Chosen
 
-        if report or store or cell_name:
+        if report or options.store_url or chosen.cell:
             raise typer.BadParameter(
                 "--takt reads the journal of one cell: it cannot be combined with --store, "
                 "--cell-name or --report"
             )
-        chosen = Chosen(recipe or "", lot, order, operator, since, until)
-        raise typer.Exit(report_takt(runs, chosen, by or "recipe", as_json=json))
-    if recipe is None or by is not None:
+        raise typer.Exit(report_takt(options))
+    if options.recipe is None or by is not None:
         with loading():
-            from .yields import Chosen, report_yields
+            from .yields import report_yields
 
-        chosen = Chosen(recipe or "", lot, order, operator, since, until, cell_name)
-        raise typer.Exit(report_yields(runs, store, chosen, by or "recipe", report, as_json=json))
+        raise typer.Exit(report_yields(options))
     with loading():
         from .series_table import report_series
 
-    if lot or order or operator or cell_name or since or until or store:
+    if chosen != PartChoice() or options.store_url:
         raise typer.BadParameter(
             "--lot, --order, --operator, --cell-name, --since, --until and --store require --by"
         )
-    raise typer.Exit(report_series(runs, recipe, report, as_json=json))
+    raise typer.Exit(
+        report_series(options.runs_dir, options.recipe, report, as_json=options.as_json)
+    )
 
 
 def gauge(

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC
-from pathlib import Path
 
 from rich import box
 from rich.table import Table
@@ -25,34 +24,29 @@ from controller.results.wording import num
 
 from ..terminal.figures_table import print_table
 from ..terminal.output import emit, print_line
-from .yields import Chosen
+from .arguments import StatsOptions
+from .yields import filters_of
 
 TEXT_COLUMNS = 200
 COLUMNS = ("parts", "none", "s a part", "of forecast", "busy", "execute")
 
 
-def report_takt(runs_dir: Path, chosen: Chosen, by: str, *, as_json: bool) -> int:
+def report_takt(options: StatsOptions) -> int:
     """Print the use of the arm's time, group by group; return the exit code.
-
-    Parameters
-    ----------
-    runs_dir : folder of all runs
-    chosen : parts to count
-    by : definition of a group
-    as_json : print JSON lines instead of a table
 
     Raises
     ------
     ConfigError : there is no such group, or a date is none
     ResultsError : no journal, or one that cannot be read
     """
+    by = options.by or "recipe"
     if by not in GROUPS:
         raise ConfigError(f"--by {by}: with --takt it must be one of {', '.join(GROUPS)}")
-    filters = chosen.filters()
-    of_it = (of_recipe(one, chosen.recipe) for one in takts_of(runs_dir))
+    filters = filters_of(options)
+    of_it = (of_recipe(one, filters.recipe) for one in takts_of(options.runs_dir))
     runs = [run for run in of_it if _fits(run, filters)]
     groups = grouped(runs, by)
-    if as_json:
+    if options.as_json:
         for group in groups:
             emit({"event": "takt", "by": by, **takt_json(group)})
     elif not groups:
