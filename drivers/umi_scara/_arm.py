@@ -6,7 +6,7 @@ the codec alone. Sections (§) are those of umi_rtx.md.
 """
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from math import ceil
 from typing import Final, Self
 
@@ -20,42 +20,30 @@ from drivers.supervisor import BlindStop
 from drivers.wires import LineTap
 
 from ._config import ArmConfig, check_speeds
+from ._jaws import Jaws
+from ._mover import Mover
 from ._session import ArmIdentity, ArmSession
-from .line import Guard, Trace, Transport
-from .model import OutOfRangeError, kinematics
-from .model.limits import COUNTS_ORDER, check_limits
+from .line import Trace, Transport
+from .model import kinematics
+from .model.limits import COUNTS_ORDER
 from .motion import (
     Axes,
-    AxisStalledError,
-    GearPlay,
     Homing,
     KeepingHoming,
-    MoveWatch,
     axes_in_turn,
-    forecast_s,
     judge_kept_counters,
     keeping_park,
     read_registers,
-    start,
     synchronised_speeds,
     try_motor,
-    verify_arrival,
 )
 from .protocol import constants as c
 from .protocol.codec import encode_simple
-from .protocol.constants import ADDRESSES, Axis, Drive, Ip, Parameter, Simple, StatusBits
+from .protocol.constants import ADDRESSES, Axis, Ip, Parameter, Simple, StatusBits
 
 log = logging.getLogger(__name__)
 
-# limits that tie axes together (§5.2): to check one, the other must be known
-_PARTNERS = {
-    Axis.ELBOW: Axis.YAW,
-    Axis.YAW: Axis.ELBOW,
-    Axis.WRIST1: Axis.WRIST2,
-    Axis.WRIST2: Axis.WRIST1,
-}
 SUPPLY_LINE: Final = 0x01  # of IP1, §8.9
-_STILL_POLL_COUNT = 3  # §9.17
 BLIND_STOP_COUNT = 4  # an even number, as each hands the line over once
 
 
@@ -98,7 +86,8 @@ class UmiScara:
         self._line = port if isinstance(port, str) else line
         self._session = ArmSession(port, self._config.link, clock, trace, tap)
         self.positions = self._session.positions
-        self._play = GearPlay(self._config.play_counts)
+        self._mover = Mover(self._session, self._config)
+        self._jaws = Jaws(self._session, self._config)
 
     # ---- connection and power ------------------------------------------------------------------
     async def connect(self) -> ArmIdentity:
@@ -264,14 +253,11 @@ class UmiScara:
         async with self._session.motion(needs_home=False) as guard:
             self.positions.begin_homing()
             await Homing(self.axes, self._config.homing, guard, confirm).run()
-            self.positions.dead_bands = {
-                axis: await self.axes.read_twice(axis, Parameter.DEAD_BAND)
-                for axis in axes_in_turn(self.axes)
-            }
-            await self._arrive(self._config.homing.park_counts)
+            await self._read_dead_bands()
+            await self._mover.arrive(self._config.homing.park_counts)
             guard()
             self.positions.note_homed(self._config.homing.park_counts)
-            self._note_stops_and(self._config.homing.park_counts)
+            self._mover.note_stops_and(self._config.homing.park_counts)
         log.info("arm homed")
 
     # ---- the first motions ever (§10) -----------------------------------------------------------
@@ -338,11 +324,8 @@ class UmiScara:
         if why:
             raise PositionLostError(f"arm: {why}: positions are not known; home it")
         bits = await self.axes.status(Axis.GRIPPER)
-        self.positions.dead_bands = {
-            axis: await self.axes.read_twice(axis, Parameter.DEAD_BAND)
-            for axis in axes_in_turn(self.axes)
-        }
-        self._play.forget()
+        await self._read_dead_bands()
+        self._mover.play.forget()
         self.positions.note_taken_over(again, grasps=bool(bits & StatusBits.STALLED))
         log.info("arm: positions taken over at %s", again)
 
@@ -409,15 +392,12 @@ class UmiScara:
             self.positions.begin_homing()
             nominal, force = self._config.nominal_counts_per_s, self._config.gripper_force
             jaws = await KeepingHoming(self.axes, homing, nominal, force, guard).run(guess, known)
-            self.positions.dead_bands = {
-                axis: await self.axes.read_twice(axis, Parameter.DEAD_BAND)
-                for axis in axes_in_turn(self.axes)
-            }
+            await self._read_dead_bands()
             park = keeping_park(homing.park_counts)
-            await self._arrive(park)
+            await self._mover.arrive(park)
             guard()
             self.positions.note_homed(park | {Axis.GRIPPER: jaws})
-            self._note_stops_and(park)
+            self._mover.note_stops_and(park)
             self.positions.note_leaving([Axis.GRIPPER])  # its target is beyond where it presses
             self.positions.grasps = True
         log.info("arm homed with its jaws pressed at %d counts", jaws)
@@ -445,7 +425,7 @@ class UmiScara:
         """
         counts = await self.read_counts()
         return kinematics.counts_to_q(
-            [self._play.meant(axis, counts[axis]) for axis in COUNTS_ORDER]
+            [self._mover.play.meant(axis, counts[axis]) for axis in COUNTS_ORDER]
         )
 
     # ---- moving --------------------------------------------------------------------------------
@@ -479,7 +459,7 @@ class UmiScara:
         """
         new_speeds = dict(speeds or {})
         check_speeds(new_speeds)
-        return await self._move(targets, deadline_s, lambda distances: new_speeds)
+        return await self._mover.move(targets, deadline_s, lambda distances: new_speeds)
 
     async def move_joints(
         self,
@@ -515,7 +495,7 @@ class UmiScara:
         speed = max(1, round(speed * speed_share))
         check_speeds({Axis.ELBOW: speed})
         nominal = self._config.nominal_counts_per_s
-        await self._move(
+        await self._mover.move(
             targets,
             deadline_s,
             lambda far: synchronised_speeds(far, nominal, speed),
@@ -533,7 +513,7 @@ class UmiScara:
         """
         counts = self._config.gripper.counts(opening_mm)
         forces = {Axis.GRIPPER: self._config.gripper_force}
-        got = await self._move({Axis.GRIPPER: counts}, None, lambda _: {}, forces)
+        got = await self._mover.move({Axis.GRIPPER: counts}, None, lambda _: {}, forces)
         return self._config.gripper.opening_mm(got[Axis.GRIPPER])
 
     async def open_jaws(self) -> float:
@@ -569,47 +549,16 @@ class UmiScara:
         if not 0.0 < speed_share <= 1.0:
             raise ValueError(f"a share of the speed is above 0 to 1, not {speed_share:g}")
         return await self._session.until_certain(
-            lambda: self._grasp_once(force, deadline_s, speed_share)
+            lambda: self._jaws.close(force, deadline_s, speed_share)
         )
-
-    async def _grasp_once(self, force: int, deadline_s: float, speed_share: float) -> float:
-        gripper = Axis.GRIPPER
-        async with self._session.motion() as guard:
-            await self.positions.make_sure(self.axes, guard)
-            self.positions.note_leaving([gripper])
-            self.positions.grasps = True
-            speed = max(1, round(self._config.grasp_speed * speed_share))
-            await self.axes.write(gripper, Parameter.SPEED, speed, guard)
-            await self.axes.write(gripper, Parameter.MAX_FORCE, force, guard)
-            await self.axes.write(gripper, Parameter.NEW_POSITION, c.GRASP_COUNTS, guard)
-            self.positions.note_closing(c.GRIPPER_RANGE[0])
-            await self.axes.numeric_go(ADDRESSES[gripper].ip, [gripper], guard)
-            counts = await self._until_held(deadline_s / speed_share, guard)
-            self.positions.note_range(gripper, counts, counts)
-        return self._config.gripper.opening_mm(counts)
 
     async def read_opening_mm(self) -> float:
         """Return the present jaw opening [mm]; raises as `read_counts`."""
-        self._session.require_homed()
-        if self._session.is_moving:
-            counts = await self.axes.read_actual(Axis.GRIPPER)
-        else:
-            counts = await self._session.until_certain(
-                lambda: self.axes.read_actual_twice(Axis.GRIPPER)
-            )
-        self._session.require_homed()
-        return self._config.gripper.opening_mm(counts)
+        return await self._jaws.read_opening_mm()
 
     async def read_jaws(self) -> JawReading:
         """Return the state of the jaws, homed or not; nothing moves."""
-        self._session.require_connected()
-        bits = await self.axes.status(Axis.GRIPPER)
-        # a status has no checksum: a bit seen once counts
-        bits |= await self.axes.status(Axis.GRIPPER)
-        # the stop on opening the line may have cleared it
-        bits |= self._session.jaws_found
-        counts = await self.axes.read_actual_twice(Axis.GRIPPER)
-        return JawReading(bool(bits & StatusBits.STALLED), self._config.gripper.opening_mm(counts))
+        return await self._jaws.read()
 
     async def drive_jaws(self, by_mm: float, deadline_s: float = 10.0) -> float:
         """Open (or, below 0, close) the jaws by a travel [mm]; no other axis moves.
@@ -626,107 +575,14 @@ class UmiScara:
         PowerOffError : motor power is off
         AxisStalledError : the jaws did not come to rest by the deadline
         """
-        gripper, ip = Axis.GRIPPER, ADDRESSES[Axis.GRIPPER].ip
-        mm_per_count = self._config.gripper.linear_mm
-        async with self._session.motion(needs_home=False) as guard:
-            self.positions.note_jaws_driven()
-            before = await self.axes.read_actual(gripper)
-            await self.axes.write(gripper, Parameter.SPEED, self._config.grasp_speed, guard)
-            await self.axes.write(gripper, Parameter.MAX_FORCE, self._config.gripper_force, guard)
-            drive = Drive.FORWARD if by_mm > 0 else Drive.REVERSE
-            await self.axes.manual_go(ip, {gripper: drive}, guard)
-            until_s = self.axes.deadline_s(deadline_s)
-            while True:
-                guard()
-                bits = await self.axes.status(gripper)
-                counts = await self.axes.read_actual(gripper)
-                went_mm = abs(counts - before) * mm_per_count
-                if went_mm >= abs(by_mm) or bits & c.FAULT_BITS:
-                    break
-                if self.axes.clock.attended_s() > until_s:
-                    await self._session.halt_quietly()
-                    raise AxisStalledError(gripper, before, counts, "does not come to rest")
-                await self.axes.pause()
-            await self.axes.manual_go(ip, {}, guard)
-        return went_mm
+        return await self._jaws.drive(by_mm, deadline_s)
 
     # ---- parts of the verbs --------------------------------------------------------------------
-    async def _move(
-        self,
-        targets: Mapping[Axis, int],
-        deadline_s: float | None,
-        speeds_for: Callable[[Mapping[Axis, int]], Mapping[Axis, int]],
-        forces: Mapping[Axis, int] | None = None,
-        *,
-        takes_up_play: bool = False,
-    ) -> dict[Axis, int]:
-        """Move as `move_counts` does, with speeds that follow from the distances [counts].
-
-        A move that ended because a request may have been garbled is begun again from where the arm
-        stands, if its counters can be trusted.
-        """
-        wanted = {axis: int(counts) for axis, counts in targets.items()}
-        return await self._session.until_certain(
-            lambda: self._move_once(wanted, deadline_s, speeds_for, forces, takes_up_play)
-        )
-
-    async def _move_once(
-        self,
-        wanted: dict[Axis, int],
-        deadline_s: float | None,
-        speeds_for: Callable[[Mapping[Axis, int]], Mapping[Axis, int]],
-        forces: Mapping[Axis, int] | None,
-        takes_up_play: bool,
-    ) -> dict[Axis, int]:
-        async with self._session.motion() as guard:
-            await self.positions.make_sure(self.axes, guard)
-            starts = await self._starts(wanted)
-            self._play.note(starts)
-            if takes_up_play:
-                wanted = self._with_play(wanted, starts)
-            moved = {axis: n for axis, n in wanted.items() if self.positions.at_rest(axis) != n}
-            self._check_targets(starts | moved, moved)
-            if not moved:
-                return wanted
-            distances = {axis: moved[axis] - starts[axis] for axis in moved}
-            new_speeds = speeds_for(distances)
-            if deadline_s is None:
-                nominal = self._config.nominal_counts_per_s
-                speeds = {axis: self._speed(axis, new_speeds) for axis in moved}
-                deadline_s = 2 * forecast_s(distances, speeds, nominal) + 2.0
-            self.positions.note_leaving(moved)
-            if Axis.GRIPPER in moved:
-                self.positions.grasps = False
-            for axis, force in (forces or {}).items():
-                await self.axes.write(axis, Parameter.MAX_FORCE, force, guard)
-
-            def on_go() -> None:
-                for axis, target in moved.items():
-                    self.positions.note_range(axis, starts[axis], target)
-
-            await start(self.axes, moved, new_speeds, guard, on_go=on_go)
-            await MoveWatch(self.axes, moved, deadline_s, guard).until_rest()
-            guard()
-            got = await self._arrive(moved)
-            guard()
-            self.positions.note_rest(moved)
-            self._play.note(moved)
-        return {axis: got.get(axis, wanted[axis]) for axis in wanted}
-
-    def _with_play(self, joints: Mapping[Axis, int], motors: Mapping[Axis, int]) -> dict[Axis, int]:
-        """Return the motor targets for joints; near a limit, without the motors' play."""
-        targets = self._play.targets(joints, motors)
-        try:
-            self._check_targets({**motors, **targets}, targets)
-        except OutOfRangeError:
-            return dict(joints)
-        return targets
-
-    def _note_stops_and(self, park: Mapping[Axis, int]) -> None:
-        """Note that all motors have gone from their stops to the park."""
-        self._play.forget()
-        self._play.note(self._config.homing.stop_counts)
-        self._play.note(park)
+    async def _read_dead_bands(self) -> None:
+        self.positions.dead_bands = {
+            axis: await self.axes.read_twice(axis, Parameter.DEAD_BAND)
+            for axis in axes_in_turn(self.axes)
+        }
 
     def _ends(self, between: ArrayLike) -> dict[Axis, tuple[int, int]]:
         """Return the range of each motor [counts] over joints (n, 6)."""
@@ -734,53 +590,3 @@ class UmiScara:
         ends = zip(COUNTS_ORDER, rows.min(axis=0), rows.max(axis=0), strict=True)
         play = self._config.play_counts
         return {axis: (int(low) - ceil(play.get(axis, 0.0)), int(high)) for axis, low, high in ends}
-
-    def _speed(self, axis: Axis, new_speeds: Mapping[Axis, int]) -> int:
-        known = new_speeds.get(axis) or self.axes.written(axis, Parameter.SPEED)
-        return known or c.NOMINAL_SPEED
-
-    async def _starts(self, targets: Iterable[Axis]) -> dict[Axis, int]:
-        """Return the positions of the axes of a move, and of those that share a limit with them."""
-        needed = {*targets, *(_PARTNERS[axis] for axis in targets if axis in _PARTNERS)}
-        at_rest = {axis: self.positions.at_rest(axis) for axis in needed}
-        read = await self.axes.read_actuals(
-            axis for axis in Axis if axis in needed and at_rest[axis] is None
-        )
-        return {axis: read[axis] if counts is None else counts for axis, counts in at_rest.items()}
-
-    def _check_targets(self, counts: Mapping[Axis, int], moved: Iterable[Axis]) -> None:
-        changed = set(moved)
-        if Axis.GRIPPER in changed:
-            low, high = c.GRIPPER_RANGE
-            asked = counts[Axis.GRIPPER]
-            if not low <= asked <= high:
-                raise OutOfRangeError("gripper", asked, low if asked < low else high)
-        # axes outside the move share no limit with it: any value does for them
-        check_limits([counts.get(axis, 0) for axis in COUNTS_ORDER], changed)
-
-    async def _arrive(self, targets: Mapping[Axis, int]) -> dict[Axis, int]:
-        slack = self._config.arrival_slack_counts
-        tolerances = {axis: self.positions.dead_bands.get(axis, 0) + slack for axis in targets}
-        return await verify_arrival(self.axes, targets, tolerances, self._config.settle_s)
-
-    async def _until_held(self, deadline_s: float, guard: Guard) -> int:
-        """Return the counts of the gripper once it rests against something (§2.8, §9.17)."""
-        until_s = self.axes.deadline_s(deadline_s)
-        still_poll_count, before = 0, None
-        while True:
-            guard()
-            bits = await self.axes.status(Axis.GRIPPER)
-            counts = await self.axes.read_actual(Axis.GRIPPER)
-            still_poll_count = still_poll_count + 1 if counts == before else 0
-            before = counts
-            if still_poll_count >= _STILL_POLL_COUNT and not bits & StatusBits.MOVING:
-                if bits & c.FAULT_BITS:
-                    return counts
-                why = "rests against nothing (is motor power on?)"
-                break
-            if self.axes.clock.attended_s() > until_s:
-                why = f"still closes after {deadline_s:.1f} s"
-                break
-            await self.axes.pause()
-        await self._session.halt_quietly()
-        raise AxisStalledError(Axis.GRIPPER, c.GRASP_COUNTS, counts, why)
