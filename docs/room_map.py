@@ -21,7 +21,7 @@ from typing import Final
 import grimp
 
 ROOT: Final = Path(__file__).parents[1]
-TOPS: Final = ("controller", "drivers", "emulators")
+TOPS: Final = ("controller", "drivers", "emulators", "messages")
 CONTRACT: Final = "imports of the controller run downwards"
 
 # Sizes [px]. GitHub shows 1000 px of drawing in a column of 830 to 880, where its text is legible.

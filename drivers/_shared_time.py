@@ -15,6 +15,8 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Final
 
+from messages import say
+
 from .errors import LinkError
 
 # places of the file in words of 8 bytes, §1
@@ -49,14 +51,24 @@ class SharedTime:
         try:
             self._fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
         except OSError as error:
-            raise LinkError(f"clock {path}: {error.strerror}; is the emulator running?") from error
+            raise LinkError(
+                say(
+                    "clock {path}: {strerror}; is the emulator running?",
+                    path=path,
+                    strerror=error.strerror,
+                )
+            ) from error
         try:
             if os.fstat(self._fd).st_size != _WORD_COUNT * _WORD_BYTES:
-                raise LinkError(f"clock {path}: this is no clock of an emulated cell")
+                raise LinkError(
+                    say("clock {path}: this is no clock of an emulated cell", path=path)
+                )
             self._map = mmap.mmap(self._fd, _WORD_COUNT * _WORD_BYTES)
             self._words = memoryview(self._map).cast("q")
             if self._words[_MAGIC] != _MAGIC_VALUE or self._words[_SPEED] <= 0:
-                raise LinkError(f"clock {path}: this is no clock of an emulated cell")
+                raise LinkError(
+                    say("clock {path}: this is no clock of an emulated cell", path=path)
+                )
             self._hold_count = 0
             self._held = (0, 0)  # wall instant at which time began to creep, and its limit then
             self._held_from_ns = self._held_ns = 0
@@ -64,7 +76,7 @@ class SharedTime:
             self._begun: tuple[int, int] | None = None
             self._look_for_owner()
             if self._orphaned is not None:
-                raise LinkError(f"clock {path}: the emulator that kept it has ended")
+                raise LinkError(say("clock {path}: the emulator that kept it has ended", path=path))
         except LinkError:
             self.close()
             raise
@@ -192,7 +204,13 @@ class SharedTime:
                 self._words[slot + 1] = self._now_ns()  # before the process shows itself
                 self._words[slot] = os.getpid()
                 return slot
-        raise LinkError(f"clock {self.path}: {_SLOT_COUNT} processes take part already")
+        raise LinkError(
+            say(
+                "clock {path}: {slot_count} processes take part already",
+                path=self.path,
+                slot_count=_SLOT_COUNT,
+            )
+        )
 
     async def _beat(self, slot: int) -> None:
         speed = self.speed

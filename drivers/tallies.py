@@ -3,6 +3,8 @@
 import dataclasses
 from typing import TYPE_CHECKING
 
+from messages import key
+
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
@@ -19,4 +21,4 @@ def tally_words(before: "DataclassInstance", after: "DataclassInstance") -> str:
         for field in dataclasses.fields(after)
         if (count := getattr(after, field.name) - getattr(before, field.name))
     ]
-    return ", ".join(counted) if counted else "no frame came at all"
+    return ", ".join(counted) if counted else key("no frame came at all")

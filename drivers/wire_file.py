@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Final
 
+from messages import say
+
 MAGIC: Final = b"cellctl.wires/1\n"
 _PAIR: Final = struct.Struct("<II")
 GATHER_WALL_S: Final = 0.2  # longest part of a recording that a kill may lose
@@ -71,7 +73,9 @@ class WireWriter:
             self._file.write(MAGIC)
             self._file.flush()
         except FileExistsError:
-            raise WireFileError(f"{path}: exists already; name another file") from None
+            raise WireFileError(
+                say("{path}: exists already; name another file", path=path)
+            ) from None
         except OSError as error:
             raise WireFileError(f"{path}: {error.strerror}") from error
         self._rows: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
@@ -168,7 +172,9 @@ class WireReader:
             raise WireFileError(f"{path}: {error.strerror}") from error
         if self._file.read(len(MAGIC)) != MAGIC:
             self._file.close()
-            raise WireFileError(f"{path}: this is no file that `cellctl run --record` writes")
+            raise WireFileError(
+                say("{path}: this is no file that `cellctl run --record` writes", path=path)
+            )
         self._block: tuple[int, bytes] = (-1, b"")
         self.is_whole = False
         self.rows = tuple(self._read())

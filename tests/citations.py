@@ -16,7 +16,16 @@ from functools import cached_property
 from os.path import normpath
 from pathlib import Path
 
-PLACES = ("controller", "drivers", "emulators", "tests", "benchmarks", "recipes", "docs")
+PLACES = (
+    "controller",
+    "drivers",
+    "emulators",
+    "messages",
+    "tests",
+    "benchmarks",
+    "recipes",
+    "docs",
+)
 ENDINGS = {".py", ".md", ".toml", ".yaml", ".j2", ".html", ".css"}
 SHORT_FORM_ONLY = ("drivers", "emulators")  # where a number in brackets may not stand without §
 FREE_TO_LOOK_OUTSIDE = "benchmarks"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "glossary.md"
-PACKAGES = ("controller", "drivers", "emulators")
+PACKAGES = ("controller", "drivers", "emulators", "messages")
 FORCES = {"force", "weight", "friction", "load", "per"}  # `_per_n` is a quotient
 
 

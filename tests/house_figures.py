@@ -39,7 +39,7 @@ from typing import Any
 
 import grimp
 
-PRODUCTION = ("controller", "drivers", "emulators")
+PRODUCTION = ("controller", "drivers", "emulators", "messages")
 READERS = ("tests", "benchmarks")
 PLANNING = "controller.planning"
 WINDOW_LINES = 8

@@ -22,6 +22,7 @@ from controller.planning.motion import Scene, connect
 from controller.setup.software import software_versions
 from drivers.clock import CellClock
 from drivers.kinds import Arm, FirstContact
+from messages import say
 
 from .errors import StepFailedError
 from .evidence import StepEvidence
@@ -122,7 +123,7 @@ class Bench:
         """
         opening_mm = self.layout.arm_gripper.max_mm * 0.5
         await self.move_jaws(
-            f"the arm gripper opens to {opening_mm:.0f} mm",
+            say("the arm gripper opens to {opening_mm:.0f} mm", opening_mm=opening_mm),
             lambda: self.arm.move_gripper_mm(opening_mm),
         )
         if not self.motion.sweeps_to_home:

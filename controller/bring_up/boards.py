@@ -27,6 +27,7 @@ from controller.config import SHIPPED
 from controller.planning.geometry import Box
 from controller.planning.motion import Scene
 from controller.setup.measured_arm import measured_arm
+from messages import key, say
 
 from .bench import UNCALIBRATED_MM, Bench, with_clearance
 from .errors import StepFailedError
@@ -84,7 +85,7 @@ class HeldPlate:
         """
         target = self.board.build()
         if not isinstance(target, Charuco):
-            raise StepFailedError("the plate needs a ChArUco board on each face")
+            raise StepFailedError(key("the plate needs a ChArUco board on each face"))
         return np.asarray(charuco_board(target).getChessboardCorners(), dtype=np.float64)[:, :2]
 
     def T_tcp_board(self, *, is_front: bool) -> FloatArray:
@@ -105,16 +106,20 @@ def load_plate(file: Path) -> BoardSection:
     missing = [
         what
         for what, is_there in (
-            ("a ChArUco board (`squares`)", board.squares is not None),
-            ("a print on its back (`back_first_marker`)", board.build_back() is not None),
-            ("a bare side for the grasp (`bare_mm`)", board.bare_mm > 0),
+            (key("a ChArUco board (`squares`)"), board.squares is not None),
+            (key("a print on its back (`back_first_marker`)"), board.build_back() is not None),
+            (key("a bare side for the grasp (`bare_mm`)"), board.bare_mm > 0),
         )
         if not is_there
     ]
     if missing:
         raise StepFailedError(
-            f"{file}: is no plate for the jaws: it lacks {', '.join(missing)}; print one "
-            "with `cellctl print-target paddle`"
+            say(
+                "{file}: is no plate for the jaws: it lacks {missing}; print one "
+                "with `cellctl print-target paddle`",
+                file=file,
+                missing=", ".join(missing),
+            )
         )
     return board
 
@@ -274,7 +279,7 @@ class PlateInJaws:
         bench, board = self._bench, self.plate.board
         thickness_mm = board.plate_mm[2]
         await bench.move_jaws(
-            f"the arm gripper opens to {HALF_OPEN_MM:.0f} mm",
+            say("the arm gripper opens to {half_open_mm:.0f} mm", half_open_mm=HALF_OPEN_MM),
             lambda: bench.arm.move_gripper_mm(HALF_OPEN_MM),
         )
         order = {"do": "give", "file": str(self.file), "gripper": "arm", "seed": seed}
@@ -302,14 +307,18 @@ class PlateInJaws:
         if abs(off_mm) > MAX_JAWS_OFF_MM:
             # fingers without pads close farther on the same plate
             pads = (
-                f"pads are missing or worn by {-off_mm / 2:.1f} mm each, "
+                say("pads are missing or worn by {worn_mm:.1f} mm each, ", worn_mm=-off_mm / 2)
                 if -MAX_PADS_MM < off_mm < 0.0
                 else ""
             )
             raise StepFailedError(
-                f"the jaws closed to {opening_mm:.1f} mm, the plate is {thickness_mm:g} mm "
-                f"thick: {pads}the plate is not between them, or its file is of another "
-                "plate"
+                say(
+                    "the jaws closed to {opening_mm:.1f} mm, the plate is {thickness_mm:g} mm "
+                    "thick: {pads}the plate is not between them, or its file is of another plate",
+                    opening_mm=opening_mm,
+                    thickness_mm=thickness_mm,
+                    pads=pads,
+                )
             )
 
     async def give_back(self) -> None:
@@ -320,7 +329,7 @@ class PlateInJaws:
             "take_plate", "The jaws open next: hold the plate. Do you hold it?"
         )
         await bench.move_jaws(
-            f"the arm gripper opens to {HALF_OPEN_MM:.0f} mm",
+            say("the arm gripper opens to {half_open_mm:.0f} mm", half_open_mm=HALF_OPEN_MM),
             lambda: bench.arm.move_gripper_mm(HALF_OPEN_MM),
         )
         await put_away(bench, self.file, "Put the plate away. Is it away?")

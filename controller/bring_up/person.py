@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from controller.cell.errors import CellError
 from controller.cell.operator import Answer, Choice, Operator, Question
+from messages import say
 
 from .errors import DeclinedError, NobodyThereError
 from .evidence import StepEvidence
@@ -74,8 +75,11 @@ class Person:
         answer = await self._operator.decide(Question(code, text, choices))
         if answer is None:
             raise NobodyThereError(
-                f"a person is required: {text} Start it in a terminal; --yes answers on an "
-                "emulated cell"
+                say(
+                    "a person is required: {text} Start it in a terminal; --yes "
+                    "answers on an emulated cell",
+                    text=text,
+                )
             )
         self._evidence.answers.append(GivenAnswer(text=text, choice=answer.key, who=answer.who))
         return answer.key
@@ -90,7 +94,7 @@ class Person:
         """
         choices = (Choice(GO_ON, "it is so: go on"), Choice(STOP, "end this step"))
         if await self.choose(code, text, choices) != GO_ON:
-            raise DeclinedError(f"ended by a person: {text}")
+            raise DeclinedError(say("ended by a person: {text}", text=text))
 
     async def have_done(self, errand: Errand) -> None:
         """Return once an errand is done.
@@ -141,13 +145,21 @@ class EmulatedPerson:
                 finally:
                     writer.close()
         except (OSError, TimeoutError) as error:
-            raise CellError(f"{errand.code}: the emulated cell has no hands: {error}") from error
+            raise CellError(
+                say(
+                    "{code}: the emulated cell has no hands: {error}", code=errand.code, error=error
+                )
+            ) from error
 
 
 def _require_done(errand: Errand, line: bytes) -> None:
     try:
         reply = json.loads(line)
     except ValueError as error:
-        raise CellError(f"{errand.code}: the emulated cell has ended") from error
+        raise CellError(say("{code}: the emulated cell has ended", code=errand.code)) from error
     if not reply.get("ok"):
-        raise CellError(f"{errand.code}: the emulated cell refuses: {reply.get('error')}")
+        raise CellError(
+            say(
+                "{code}: the emulated cell refuses: {get}", code=errand.code, get=reply.get("error")
+            )
+        )

@@ -60,6 +60,7 @@ from controller.setup.software import software_versions
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.kinds import Arm, Camera, Stop
+from messages import say
 
 from .bench import Bench, HandedOver
 from .errors import DeclinedError, NobodyThereError
@@ -311,7 +312,7 @@ class StepVisit:
         )
         async with supervised.beating():
             for name in supervised.unreached:
-                self._evidence.find(f"{name}: the supervisor cannot reach it")
+                self._evidence.find(say("{name}: the supervisor cannot reach it", name=name))
             return await self._watched(journal, operator, devices, clock)
 
     async def _watched(

@@ -9,6 +9,7 @@ from scipy.spatial import ConvexHull
 
 from controller.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from controller.memory import give_back
+from messages import key
 
 from .boundary import Boundary, Face, find_boundary, search_faces
 from .errors import CoordinatesCadError, EmptyCadError, LargeCadError, UnitCadError
@@ -201,11 +202,11 @@ def solid_of(
     OpenCadError, InsideOutCadError, ManySolidsCadError, SelfIntersectingCadError : no sound solid
     """
     mesh = trimesh.Trimesh(merged.vertices_mm, merged.triangles, process=False)
-    on_stage("checking that the mesh is one solid")
+    on_stage(key("checking that the mesh is one solid"))
     check_soundness(mesh, where)
     is_complete = True
     if faces is None or face_of_triangle is None:
-        on_stage("finding surfaces")
+        on_stage(key("finding surfaces"))
         found = search_faces(mesh)
         faces, face_of_triangle = found.faces, found.face_of_triangle
         is_complete = found.is_complete

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from controller.arrays import FloatArray
 from controller.planning.model import CellLayout
 from controller.planning.motion import Scene, inverse_rows, slides, tcp_pose
+from messages import key, say
 
 HEADINGS: Final = 36
 MARGIN_MM: Final = 10.0
@@ -120,12 +121,19 @@ def unreached(
     for name, place in places.items():
         rows = rows_down(layout, place)
         if not len(rows):
-            found.append(Unreached(name, "beyond the reach or the limits of the joints"))
+            found.append(Unreached(name, key("beyond the reach or the limits of the joints")))
         elif not scene.free(rows, MARGIN_MM).any():
-            found.append(Unreached(name, f"in contact with {_touched(scene, rows)} on every side"))
+            found.append(
+                Unreached(
+                    name,
+                    say("in contact with {touched} on every side", touched=_touched(scene, rows)),
+                )
+            )
         elif not all(len(rows_down(layout, place + off)) for off in beside):
             found.append(
-                Unreached(name, f"within {u_mm:.1f} mm (k = 2) of the limits of the joints")
+                Unreached(
+                    name, say("within {u_mm:.1f} mm (k = 2) of the limits of the joints", u_mm=u_mm)
+                )
             )
     return tuple(found)
 

@@ -22,6 +22,7 @@ from .tables import (
     REJUDGED,
     REVIEWS,
     RUNS,
+    SENTENCES,
     STEPS,
     VERSION,
 )
@@ -87,6 +88,12 @@ def _with_pictures(db: Connection) -> None:
     _add(db, RUNS.c.copied_to)
 
 
+def _with_sentences(db: Connection) -> None:
+    """Add keys and values of sentences; those whose journal has none stay English."""
+    SENTENCES.create(db, checkfirst=True)
+    _add(db)
+
+
 def _add(db: Connection, *columns: Column[Any]) -> None:
     """Add columns, the indexes that have all theirs, and have the journals read once more."""
     for column in columns:
@@ -110,6 +117,7 @@ MIGRATIONS: Final[tuple[Callable[[Connection], None], ...]] = (
     _with_cells,
     _with_rejudged,
     _with_pictures,
+    _with_sentences,
 )
 SCHEMA_VERSION: Final = 1 + len(MIGRATIONS)
 

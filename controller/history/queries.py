@@ -8,6 +8,7 @@ from typing import Any, Final
 from sqlalchemy import Column, ColumnElement, Connection, and_, case, func, select
 
 from .errors import HistoryError, NoSuchPartError
+from .sentences import with_sentences
 from .store import Store
 from .tables import (
     ALARMS,
@@ -171,7 +172,7 @@ def list_parts(
     with store.reading() as db:
         count = db.execute(select(func.count()).select_from(PARTS).where(clause)).scalar_one()
         found = tuple(part_json(row) for row in db.execute(query).mappings())
-    return Listed(int(count), found)
+        return Listed(int(count), with_sentences(db, found))
 
 
 def find_parts(store: Store, word: str) -> tuple[Mapping[str, Any], ...]:
@@ -214,7 +215,7 @@ def find_parts(store: Store, word: str) -> tuple[Mapping[str, Any], ...]:
                 f"no part `{word}` in store {store.name}: name a serial number, or a run and the "
                 "number of the part in it as RUN/NUMBER (`cellctl history` lists them)"
             )
-        return tuple(_full(db, row) for row in found)
+        return with_sentences(db, tuple(_full(db, row) for row in found))
 
 
 def _run_no(db: Connection, word: str) -> int:

@@ -7,6 +7,7 @@ from typing import Any
 from sqlalchemy import select
 
 from .queries import NAME, Filters, part_json
+from .sentences import with_sentences
 from .store import Store
 from .tables import CHARACTERISTICS, MEASUREMENTS, PARTS, RUNS
 
@@ -47,7 +48,8 @@ def characteristics_in(store: Store, recipe: str) -> tuple[Mapping[str, Any], ..
     with store.reading() as db:
         found = db.execute(query.order_by(c.characteristic_no)).mappings()
         latest = {str(row["id"]): dict(row) for row in found}
-    return tuple(sorted(latest.values(), key=lambda row: (row["balloon"], row["id"])))
+        every = sorted(latest.values(), key=lambda row: (row["balloon"], row["id"]))
+        return tuple(with_sentences(db, every))
 
 
 def values_of(

@@ -240,4 +240,12 @@ REJUDGED: Final = Table(
     Column("lines_sha256", String(64), nullable=False),
     Column("seconds", Double, nullable=False),
 )
+# Key and values of each sentence of the other tables, which have its English; since version 9.
+SENTENCES: Final = Table(
+    "sentences",
+    METADATA,
+    Column("key", String(64), primary_key=True),  # the hash of its English
+    Column("said", Text, nullable=False),  # JSON, as in the journal
+    sqlite_with_rowid=False,
+)
 OF_PART: Final = (MEASUREMENTS, FINDINGS, FINDING_FACES, STEPS, RECOVERIES, REVIEWS, PICTURES)

@@ -13,6 +13,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 from controller.cad import Solid
+from messages import joined, say
 
 from ._types import Finding, FindingKind, Verdict
 
@@ -82,13 +83,24 @@ class PlacedFinding:
 
     def sentence(self, solid: Solid) -> str:
         """Return the finding as a sentence without a full stop."""
-        where = " and ".join(solid.faces[i].label for i in self.face_ids[:MAX_FACES])
+        where = joined(" and ", (solid.faces[i].label for i in self.face_ids[:MAX_FACES]))
         one = self.plainest
-        size = f"{self.size_mm:.1f} mm across, {area_words(self.area_mm2)} mm2"
-        words = f"{one.kind} at {where}: {one.words or size}, view {self.view_id}, {one.lamp}"
+        size = say(
+            "{size_mm:.1f} mm across, {area_words} mm2",
+            size_mm=self.size_mm,
+            area_words=area_words(self.area_mm2),
+        )
+        words = say(
+            "{kind} at {where}: {words}, view {view_id}, {lamp}",
+            kind=one.kind,
+            where=where,
+            words=one.words or size,
+            view_id=self.view_id,
+            lamp=one.lamp,
+        )
         pictures = {(view_id, f.lamp) for view_id, f in self.looks}
         if len(pictures) > 1:
-            words += f"; shown in {len(pictures)} pictures"
+            words += say("; shown in {pictures_count} pictures", pictures_count=len(pictures))
         return words
 
 

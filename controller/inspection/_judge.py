@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, SurfaceSamples, count_caution, uncertainty_of
+from messages import joined, key, say
 
 from ._apart import SAME_PIXELS_PX, is_turned
 from ._gathered import PlacedFinding, gather
@@ -54,9 +55,11 @@ UNPROVEN: Final = {FindingKind.MISSING_EDGE}
 PLAIN: Final = 3.0
 # Share of a failed view's surface that other views must have in sight to make up for it.
 MADE_GOOD_SHARE: Final = 0.99
-NO_VIEW: Final = "in no view that was evaluated"
-TOO_SMALL: Final = "smaller than the smallest difference looked for, which cannot be on it alone"
-GIVEN_UP: Final = (
+NO_VIEW: Final = key("in no view that was evaluated")
+TOO_SMALL: Final = key(
+    "smaller than the smallest difference looked for, which cannot be on it alone"
+)
+GIVEN_UP: Final = key(
     "a face that is left out by name (`not_inspected`) is given up: dents, scratches and stains on "
     "it are looked for by nobody; what pictures show against it counts all the same"
 )
@@ -200,18 +203,25 @@ def judge(
     stops: list[str] = []
     if not evaluated or verified_share < min_coverage:
         stops.append(
-            f"{100 * verified_share:.1f} % of what can be seen is verified, "
-            f"{100 * min_coverage:.1f} % is required"
+            say(
+                "{verified_share:.1f} % of what can be seen is verified, "
+                "{min_coverage:.1f} % is required",
+                verified_share=100 * verified_share,
+                min_coverage=100 * min_coverage,
+            )
         )
     missing = _not_made_good(samples, views, planned)
-    stops += [f"{view_id}: no other view made good what it was to show" for view_id in missing]
+    stops += [
+        say("{view_id}: no other view made good what it was to show", view_id=view_id)
+        for view_id in missing
+    ]
     stops += _too_little(short)
     is_failed = any(one.verdict is Verdict.FAIL for one in placed)
     # Findings against the part come first, whatever else is open.
     reasons = [
         one.sentence(solid)
         if one.verdict is Verdict.FAIL
-        else f"unconfirmed: {one.sentence(solid)}"
+        else say("unconfirmed: {sentence}", sentence=one.sentence(solid))
         for one in placed
         if one.verdict is Verdict.FAIL or not is_failed
     ]
@@ -223,8 +233,13 @@ def judge(
     else:
         verdict = Verdict.PASS
         reasons.append(
-            f"{100 * compared_share:.1f} % of the surface compared in "
-            f"{len(evaluated)} views: {claim}"
+            say(
+                "{compared_share:.1f} % of the surface compared in "
+                "{evaluated_count} views: {claim}",
+                compared_share=100 * compared_share,
+                evaluated_count=len(evaluated),
+                claim=claim,
+            )
         )
         reasons += _by_edges(faces)
     reasons += [failure for view in views for failure in view.failures]
@@ -239,8 +254,14 @@ def judge(
 def _too_little(short: Sequence[FaceVerdict]) -> list[str]:
     """Return what stops a PASS: faces compared too little, in sentences."""
     named = [
-        f"{f.label}: {100 * f.compared_fraction:.0f} % compared, "
-        f"{100 * MIN_FACE_SHARE:.0f} % is required; {f.reason}"
+        say(
+            "{label}: {compared_fraction:.0f} % compared, {min_face_share:.0f} "
+            "% is required; {reason}",
+            label=f.label,
+            compared_fraction=100 * f.compared_fraction,
+            min_face_share=100 * MIN_FACE_SHARE,
+            reason=f.reason,
+        )
         for f in short
     ]
     return [*named, GIVEN_UP] if named else []
@@ -252,8 +273,13 @@ def _by_edges(faces: Sequence[FaceVerdict]) -> list[str]:
     if not by_edges:
         return []
     return [
-        f"{len(by_edges)} of {len(faces)} faces, {_percent(by_edges, faces)} of the surface, are "
-        "verified by their edges, not by their surface"
+        say(
+            "{by_edges_count} of {faces_count} faces, {percent} of the "
+            "surface, are verified by their edges, not by their surface",
+            by_edges_count=len(by_edges),
+            faces_count=len(faces),
+            percent=_percent(by_edges, faces),
+        )
     ]
 
 
@@ -271,15 +297,20 @@ def _cautions(
     if not_inspected:
         left = [f for f in faces if f.face_id in not_inspected]
         out.append(
-            f"the recipe leaves out {len(not_inspected)} of {len(faces)} faces, "
-            f"{_percent(left, faces)} of the surface"
+            say(
+                "the recipe leaves out {not_inspected_count} of {faces_count} "
+                "faces, {percent} of the surface",
+                not_inspected_count=len(not_inspected),
+                faces_count=len(faces),
+                percent=_percent(left, faces),
+            )
         )
     return out
 
 
 def _percent(some: Sequence[FaceVerdict], faces: Sequence[FaceVerdict]) -> str:
     share = sum(f.area_mm2 for f in some) / sum(f.area_mm2 for f in faces)
-    return f"{100 * share:.1f} %"
+    return say("{share:.1f} %", share=100 * share)
 
 
 def _verified(
@@ -314,17 +345,23 @@ def _claim(views: Sequence[ViewResult]) -> str:
     parts = []
     if outlines:
         parts.append(
-            f"no outline off by {max(c.size_mm for c in outlines):.1f} mm or more over "
-            f"{max(c.length_mm for c in outlines):.1f} mm, beyond the tolerances of its faces"
+            say(
+                "no outline off by {size_mm:.1f} mm or more over {length_mm:.1f} "
+                "mm, beyond the tolerances of its faces",
+                size_mm=max(c.size_mm for c in outlines),
+                length_mm=max(c.length_mm for c in outlines),
+            )
         )
     if lit:
         parts.append(
-            f"no area of {max(c.size_mm for c in lit):g} mm or more half as bright as predicted, "
-            f"or twice as bright"
+            say(
+                "no area of {size_mm:g} mm or more half as bright as predicted, or twice as bright",
+                size_mm=max(c.size_mm for c in lit),
+            )
         )
     if not parts:
-        return "no difference found"
-    return "; ".join(parts)
+        return key("no difference found")
+    return joined("; ", parts)
 
 
 def confirm(
@@ -506,7 +543,7 @@ def _not_made_good(
     samples: SurfaceSamples, views: Sequence[ViewResult], planned: Mapping[str, BoolArray]
 ) -> list[str]:
     """Return the views with failed checks whose surface no other view has in sight."""
-    out = []
+    out: list[str] = []
     for view in views:
         if not view.failures:
             continue
@@ -518,7 +555,7 @@ def _not_made_good(
             wanted = planned.get(view.view_id, np.ones(len(samples.points_mm), dtype=bool))
         whole = float(samples.areas_mm2[wanted].sum())
         if whole and float(samples.areas_mm2[wanted & others].sum()) < MADE_GOOD_SHARE * whole:
-            out.append(f"view {view.view_id} failed")
+            out.append(say("view {view_id} failed", view_id=view.view_id))
     return out
 
 
@@ -564,20 +601,28 @@ def _face(
     by_check = _by_check(areas, views, beside)
     is_by_edges = False
     if found is not None and found.verdict is Verdict.FAIL:
-        verdict, reason = found.verdict, "differs from the CAD"
+        verdict, reason = found.verdict, key("differs from the CAD")
     elif found is not None:
         verdict = found.verdict
-        reason = "one comparison differs from the CAD, no second one confirms it"
+        reason = key("one comparison differs from the CAD, no second one confirms it")
     elif fraction >= MIN_FACE_SHARE:
         verdict = Verdict.PASS
         if rest:
-            reason = f"{100 * (1 - fraction):.0f} % of it not compared: {reason}"
+            reason = say(
+                "{fraction:.0f} % of it not compared: {reason}",
+                fraction=100 * (1 - fraction),
+                reason=reason,
+            )
     elif recipe_reason:
-        reason = f"left out by the recipe: {recipe_reason}"
+        reason = say("left out by the recipe: {recipe_reason}", recipe_reason=recipe_reason)
     elif edges is not None and edges.is_verified:
         verdict, is_by_edges = Verdict.PASS, True
         by_check = (*(one for one in by_check if one[0] != EDGES), (EDGES, edges.share))
-        reason = f"surface not compared; {100 * edges.share:.0f} % {edges.how} in place"
+        reason = say(
+            "surface not compared; {share:.0f} % {how} in place",
+            share=100 * edges.share,
+            how=edges.how,
+        )
     elif face.area_mm2 < (limits.min_area_mm2 if face.concave else limits.defect_area_mm2):
         # a hole as small is asked for all the same, down to half of that
         reason = TOO_SMALL

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, Float32Array, FloatArray, Grey, Int32Array
 from controller.imaging import Camera, PointLamp
+from messages import key, say
 
 from .limits import PLANNED_HOLD
 
@@ -19,23 +20,23 @@ class Verdict(StrEnum):
     PASS = "pass"
     FAIL = "fail"
     INDETERMINATE = "indeterminate"
-    NOT_EVALUATED = "not evaluated"
+    NOT_EVALUATED = key("not evaluated")
 
 
 class Unjudged(StrEnum):
     """Reason why no check compared a sample in sight; the first in this order that applies."""
 
-    HOLDER = "beside the gripper, nearer than its place and shape are known"
-    FLAT = "seen too flat for the smallest defect to show"
-    UNLIT = "turned from the lamps or in shadow, where a defect stays as dark as all else"
-    PENUMBRA = "at the border of a shadow"
-    BOUNCE = "lit by light from neighbouring surfaces, which no prediction knows"
-    HIGHLIGHT = "where the lamp's highlight may be"
-    ROUGH = "a finish too uneven for the smallest defect to stand out"
-    LIGHT = "lit in a way that the prediction does not know: another lamp or view is needed"
-    EDGE = "too near to an edge for the smallest defect to show whole"
-    LAMP = "in pictures that failed their self-check"
-    CODE = "on the code with the serial number, or close beside it"
+    HOLDER = key("beside the gripper, nearer than its place and shape are known")
+    FLAT = key("seen too flat for the smallest defect to show")
+    UNLIT = key("turned from the lamps or in shadow, where a defect stays as dark as all else")
+    PENUMBRA = key("at the border of a shadow")
+    BOUNCE = key("lit by light from neighbouring surfaces, which no prediction knows")
+    HIGHLIGHT = key("where the lamp's highlight may be")
+    ROUGH = key("a finish too uneven for the smallest defect to stand out")
+    LIGHT = key("lit in a way that the prediction does not know: another lamp or view is needed")
+    EDGE = key("too near to an edge for the smallest defect to show whole")
+    LAMP = key("in pictures that failed their self-check")
+    CODE = key("on the code with the serial number, or close beside it")
 
     @property
     def number(self) -> int:
@@ -46,17 +47,17 @@ class Unjudged(StrEnum):
 class FindingKind(StrEnum):
     """Kind of a finding."""
 
-    MISSING = "missing material"
-    EXTRA = "extra material"
-    CHIP = "chip"
-    BURR = "burr"
-    DIMENSION = "face out of place"
-    MISSING_EDGE = "missing edge"
-    SURFACE = "surface differs"
-    DENT = "dent"
-    PIT = "pit"
-    SCRATCH = "scratch"
-    STAIN = "stain"
+    MISSING = key("missing material")
+    EXTRA = key("extra material")
+    CHIP = key("chip")
+    BURR = key("burr")
+    DIMENSION = key("face out of place")
+    MISSING_EDGE = key("missing edge")
+    SURFACE = key("surface differs")
+    DENT = key("dent")
+    PIT = key("pit")
+    SCRATCH = key("scratch")
+    STAIN = key("stain")
 
     @property
     def is_mark(self) -> bool:
@@ -324,9 +325,20 @@ class ViewResult:
     def failures(self) -> tuple[str, ...]:
         """Reasons of the failed self-checks, of the whole view or of lamps."""
         if not self.evaluated:
-            return (f"view {self.view_id} not evaluated: {self.reason}",)
+            return (
+                say(
+                    "view {view_id} not evaluated: {reason}",
+                    view_id=self.view_id,
+                    reason=self.reason,
+                ),
+            )
         return tuple(
-            f"view {self.view_id}, {c.name} not evaluated: {c.reason}"
+            say(
+                "view {view_id}, {name} not evaluated: {reason}",
+                view_id=self.view_id,
+                name=c.name,
+                reason=c.reason,
+            )
             for c in self.checks
             if c.reason
         )

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, SurfaceSamples
+from messages import joined, key, say
 
 from ._types import OUTLINE, Check, InspectionLimits, ViewResult
 from .edge_evidence import KEPT_PARTS, find_edges
@@ -33,10 +34,10 @@ WORDS: Final[Mapping[str, str]] = MappingProxyType(
     {
         "chip": "chips",
         "burr": "burrs",
-        "dent": "dents and pits",
+        "dent": key("dents and pits"),
         "scratch": "scratches",
         "stain": "stains",
-        MISSING: "missing or extra material",
+        MISSING: key("missing or extra material"),
     }
 )
 # A filter of the next width averages over 2.8 times the area: a mark that passed its limit in half
@@ -77,10 +78,19 @@ class Detection:
     @property
     def sentence(self) -> str:
         """Result in words, without a verb."""
-        of = "the edges" if self.kind in AT_EDGES else "the surface"
-        half = "" if self.half_mm is None else f" (half of that: {self.half_mm:.1f} mm)"
-        return (
-            f"{WORDS[self.kind]} of {self.size_mm:g} mm on {100 * self.share:.0f} % of {of}{half}"
+        of = key("the edges") if self.kind in AT_EDGES else key("the surface")
+        half = (
+            ""
+            if self.half_mm is None
+            else say(" (half of that: {half_mm:.1f} mm)", half_mm=self.half_mm)
+        )
+        return say(
+            "{words} of {size_mm:g} mm on {share:.0f} % of {of}{half}",
+            words=WORDS[self.kind],
+            size_mm=self.size_mm,
+            share=100 * self.share,
+            of=of,
+            half=half,
         )
 
 
@@ -127,7 +137,10 @@ def in_words(found: Sequence[Detection]) -> str:
     """Return the detectable defects as a sentence without a full stop; empty for none."""
     if not found:
         return ""
-    return f"found with 90 % probability: {'; '.join(d.sentence for d in found)}"
+    return say(
+        "found with 90 % probability: {sentence}",
+        sentence=joined("; ", (d.sentence for d in found)),
+    )
 
 
 def stops(found: Sequence[Detection], solid: Solid) -> tuple[str, ...]:
@@ -139,8 +152,13 @@ def stops(found: Sequence[Detection], solid: Solid) -> tuple[str, ...]:
     solid : the part, with the names of its faces
     """
     return tuple(
-        f"{WORDS[d.kind]} of {d.size_mm:g} mm, which the recipe asks for, would not be found on "
-        f"half of {_named(d, solid)}"
+        say(
+            "{words} of {size_mm:g} mm, which the recipe asks for, would not "
+            "be found on half of {named}",
+            words=WORDS[d.kind],
+            size_mm=d.size_mm,
+            named=_named(d, solid),
+        )
         for d in found
         if d.is_asked and d.open_faces
     )
@@ -273,4 +291,5 @@ def _half_mm(sizes: FloatArray, areas: FloatArray) -> float | None:
 def _named(detection: Detection, solid: Solid) -> str:
     faces = [solid.faces[i].label for i, _ in detection.open_faces]
     more = len(faces) - MAX_NAMED
-    return ", ".join(faces[:MAX_NAMED]) + (f" and {more} more faces" if more > 0 else "")
+    named = joined(", ", faces[:MAX_NAMED])
+    return say("{named} and {more} more faces", named=named, more=more) if more > 0 else named

@@ -15,6 +15,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, Float32Array, FloatArray
 from controller.cad import SurfaceSamples
+from messages import say
 
 from ._gathered import PlacedFinding, gather
 from ._judge import confirm
@@ -177,9 +178,16 @@ def learn(
     left_out: list[Tried] = []
     while True:
         if len(left) < MIN_PARTS:
-            named = "".join(f"; {one.name} differs from the others" for one in left_out)
+            named = "".join(
+                say("; {name} differs from the others", name=one.name) for one in left_out
+            )
             raise TooFewPartsError(
-                f"{len(left)} good parts, {MIN_PARTS} are needed to tell what is usual{named}"
+                say(
+                    "{left_count} good parts, {min_parts} are needed to tell what is usual{named}",
+                    left_count=len(left),
+                    min_parts=MIN_PARTS,
+                    named=named,
+                )
             )
         if not posed:
             orders = [_PoseOrder(one.views, settings, kept[one.name]) for one in left]
@@ -196,7 +204,7 @@ def learn(
             return replace(lesson, left_out=tuple(left_out))
         # the oddest alone: what it does to the others' median goes with it
         worst = max(odd, key=lambda one: max(f.area_mm2 for f in one.odd))
-        told(f"{worst.name} differs from the others and is left out")
+        told(say("{name} differs from the others and is left out", name=worst.name))
         left_out.append(worst)
         left = [part for part in left if part.name != worst.name]
 
@@ -247,7 +255,13 @@ class _Lesson:
         for group in _alike(self._shown, self._middle):
             if len({one.part for one in group}) < MIN_PARTS:
                 names = ", ".join(sorted({one.view.task.view_id for one in group}))
-                unlearned.append(f"{names}: shown alike by {len(group)} parts")
+                unlearned.append(
+                    say(
+                        "{names}: shown alike by {group_count} parts",
+                        names=names,
+                        group_count=len(group),
+                    )
+                )
             else:
                 groups.append(group)
         for found in spread(_learn_view, self._orders(groups)):

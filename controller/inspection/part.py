@@ -13,6 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from messages import say
+
 from ._gathered import PlacedFinding
 from ._judge import PartVerdict, judge
 from ._part_types import PartFinding, PartInspection, PartSettings, ViewSet
@@ -214,8 +216,13 @@ def _concluded(
         verdict = Verdict.FAIL
         findings = (_identity(views), *findings)
         reasons = (
-            f"another part: {rival.name} explains {100 * rival.explained:.0f} % of the outlines, "
-            f"this one {100 * rival.expected_explained:.0f} %",
+            say(
+                "another part: {name} explains {explained:.0f} % of the outlines, "
+                "this one {expected_explained:.0f} %",
+                name=rival.name,
+                explained=100 * rival.explained,
+                expected_explained=100 * rival.expected_explained,
+            ),
             *reasons,
         )
     return PartInspection(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from controller.arrays import BoolArray
 from controller.cad import SurfaceSamples
 from controller.imaging import mask_contour, render_maps, threshold_levels, transform, view_roi
+from messages import key, say
 
 from ._holder import with_measured_holder
 from ._pose import (
@@ -154,13 +155,21 @@ def outline_view(view: PicturedView) -> OutlinedView | NotEvaluated:
     if high - low < limits.min_contrast:
         return NotEvaluated(
             view,
-            f"backlight contrast {high - low:.0f} grey levels, {limits.min_contrast:.0f} "
-            "are required: is the panel's lamp on?",
+            say(
+                "backlight contrast {high:.0f} grey levels, {min_contrast:.0f} are "
+                "required: is the panel's lamp on?",
+                high=high - low,
+                min_contrast=limits.min_contrast,
+            ),
         )
     burnt = float((backlit[scene.panel] >= BURNT_GREY).mean())
     if burnt > limits.max_burnt_share:
         return NotEvaluated(
-            view, f"{100 * burnt:.0f} % of the panel are burnt out: its edges are not true"
+            view,
+            say(
+                "{burnt:.0f} % of the panel are burnt out: its edges are not true",
+                burnt=100 * burnt,
+            ),
         )
     return OutlinedView(view, scene, backlit_outline(backlit, scene, levels))
 
@@ -359,28 +368,32 @@ def check_view(
     view, task, limits = outlined.view, outlined.task, outlined.task.limits
     fit = None if pose is None else _as_fit(part, outlined, pose)
     if pose is None or fit is None:
-        return NotEvaluated(view, "no outline of the part where it should be")
+        return NotEvaluated(view, key("no outline of the part where it should be"))
     refusal = _pose_refusal(fit, *moved(part, task, fit), limits)
     if not refusal and pose.is_hidden:
         refusal = _open_refusal(part, task, fit)
     rough_px = ROUGH * float(np.hypot(pose.noise_px, strictness.pose.light_px))
     if not refusal and pose.residual_px > rough_px:
-        refusal = (
-            f"outline uneven by {pose.residual_px:.2f} px, {rough_px:.2f} px is what noise and "
-            "light can do: not this part, or not before the panel"
+        refusal = say(
+            "outline uneven by {residual_px:.2f} px, {rough_px:.2f} px is what "
+            "noise and light can do: not this part, or not before the panel",
+            residual_px=pose.residual_px,
+            rough_px=rough_px,
         )
     sharp = None
     if not refusal and not pose.is_hidden:
         sharp = register(view.pictures.backlit, fit.edge_px, fit.edge_normals)
     if not refusal and sharp is not None and sharp.width_px > limits.max_edge_px:
-        refusal = (
-            f"edges are {sharp.width_px:.1f} px wide, {limits.max_edge_px:.1f} px is allowed: out "
-            "of focus, or moved"
+        refusal = say(
+            "edges are {width_px:.1f} px wide, {max_edge_px:.1f} px is "
+            "allowed: out of focus, or moved",
+            width_px=sharp.width_px,
+            max_edge_px=limits.max_edge_px,
         )
     if refusal:
         return NotEvaluated(view, refusal)
     if missing := [lamp.name for lamp in task.lamps if lamp.name not in view.pictures.lit]:
-        return NotEvaluated(view, f"no picture under {missing[0]}")
+        return NotEvaluated(view, say("no picture under {missing}", missing=missing[0]))
     return CheckedView(outlined, pose, fit, sharp)
 
 
@@ -458,14 +471,18 @@ def _explains_more(result: ViewResult, best: ViewResult) -> bool:
 def _pose_refusal(fit: PoseFit, shift: float, turn: float, limits: InspectionLimits) -> str:
     """Return the objection to a fitted pose, empty if there is none."""
     if fit.paired < limits.min_outline_share:
-        return (
-            f"{100 * fit.paired:.0f} % of the part's outline found, "
-            f"{100 * limits.min_outline_share:.0f} % is required: slipped, or another part"
+        return say(
+            "{paired:.0f} % of the part's outline found, "
+            "{min_outline_share:.0f} % is required: slipped, or another part",
+            paired=100 * fit.paired,
+            min_outline_share=100 * limits.min_outline_share,
         )
     if shift > limits.max_shift_mm or turn > limits.max_turn_rad:
-        return (
-            f"part is {shift:.1f} mm and {np.degrees(turn):.1f} degrees off its pose in the "
-            "gripper: it slipped"
+        return say(
+            "part is {shift:.1f} mm and {degrees:.1f} degrees off its pose in "
+            "the gripper: it slipped",
+            shift=shift,
+            degrees=np.degrees(turn),
         )
     return ""
 
@@ -479,9 +496,12 @@ def _open_refusal(part: PosedPart, task: ViewTask, fit: PoseFit) -> str:
     open_px = POSE_SPREADS * float(np.median(point_spread(part, task, fit, points)))
     if open_px <= MAX_OPEN_PX:
         return ""
-    return (
-        f"no outline of the part shows, and the other views leave its place open by {open_px:.1f} "
-        f"px, {MAX_OPEN_PX:.1f} px is allowed: show it in another view of this grasp"
+    return say(
+        "no outline of the part shows, and the other views leave its place "
+        "open by {open_px:.1f} px, {max_open_px:.1f} px is allowed: show "
+        "it in another view of this grasp",
+        open_px=open_px,
+        max_open_px=MAX_OPEN_PX,
     )
 
 

@@ -22,6 +22,7 @@ from typing import Any, Final, TypeVar
 from controller.cell.devices.lock import LOCK_NAME, Holder, read_holder
 from controller.config import ConfigError
 from controller.config.files import write_whole
+from messages import say
 
 from .choices import Choices, choices_of
 from .request import RunRequest
@@ -179,7 +180,7 @@ class Launcher:
             lock = self._runs_dir / LOCK_NAME
             holder: Holder | None = await asyncio.to_thread(read_holder, lock)
             if holder is not None:
-                raise LaunchRefusedError(409, f"{holder} has the cell")
+                raise LaunchRefusedError(409, say("{holder} has the cell", holder=holder))
             require_known(body, await self.choices())
             if body.parts_list and body.parts_list not in self._lists:
                 raise LaunchRefusedError(
@@ -229,7 +230,7 @@ class Launcher:
     def _spawn(self, body: RunRequest, who: str) -> StartedRun:
         folder = self._runs_dir / LOG_FOLDER
         began = self._now()
-        log = folder / f"{began:%Y%m%d-%H%M%S-%f}.log"
+        log = folder / f"{f'{began:%Y%m%d-%H%M%S-%f}'}.log"
         recipes = [one.word for one in body.recipes]
         name, parts_list = self._lists.get(body.parts_list, ("", None))
         # its questions wait for an answer at the page, or at another terminal
@@ -270,7 +271,9 @@ def require_known(body: RunRequest, choices: Choices) -> None:
     named = [(one.recipe, choices.recipe(one.recipe)) for one in body.recipes]
     for name, found in (*named, *([(body.cell, choices.cell(body.cell))] if body.cell else [])):
         if found is None:
-            raise LaunchRefusedError(422, f"`{name}`: there is no such file in the project")
+            raise LaunchRefusedError(
+                422, say("`{name}`: there is no such file in the project", name=name)
+            )
         if found.problem:
             raise LaunchRefusedError(422, found.problem)
 

@@ -23,6 +23,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from controller.launching import CELLCTL
+from messages import say
+from messages.form import KEYS_ASKED, from_said
 
 NICENESS: Final = 15
 CPU_LIMIT_S: Final = 1800
@@ -104,7 +106,7 @@ class ChildWork:
             found = [json.loads(line) for line in text.splitlines()]
         except (OSError, ValueError):
             return []
-        return [body for body in found if isinstance(body, dict)]
+        return [from_said(body) for body in found if isinstance(body, dict)]
 
 
 class Workshop:
@@ -226,9 +228,11 @@ class Workshop:
                 await self._child(work, command)
         except TimeoutError:
             self._signal(signal.SIGKILL)
-            work.messages.append(f"ended after {WALL_LIMIT_S:.0f} s")
+            work.messages.append(say("ended after {wall_limit_s:.0f} s", wall_limit_s=WALL_LIMIT_S))
         except OSError as error:
-            work.messages.append(f"cannot be started: {error.strerror or error}")
+            work.messages.append(
+                say("cannot be started: {strerror}", strerror=error.strerror or error)
+            )
         finally:
             if work.state is not WorkState.CANCELLED:
                 # a command that says no ends with 1 and has printed what it found
@@ -248,6 +252,7 @@ class Workshop:
                 stdout=output,
                 stderr=asyncio.subprocess.PIPE,
                 start_new_session=True,
+                env={**os.environ, KEYS_ASKED: "1"},
             )
         self._process = process
         _limit(process.pid)
@@ -282,8 +287,11 @@ def _note(work: ChildWork, line: str) -> None:
         body = json.loads(line)
     except ValueError:
         body = None
-    if isinstance(body, dict) and body.get("event") == "progress":
-        work.stage = str(body.get("stage", ""))[:MESSAGE_MAX]
+    said = from_said(body) if isinstance(body, dict) else {}
+    if said.get("event") == "progress":
+        work.stage = said["stage"]
+    elif said.get("event") == "refused":
+        work.messages.append(said["error"])
     elif line:
         if work.within is not None:
             line = line.replace(f"{work.within}/", "")

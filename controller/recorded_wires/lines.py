@@ -14,6 +14,7 @@ from typing import Any, Final, TypeVar, cast
 
 from drivers.errors import UnpluggedError
 from drivers.wire_file import WireReader, WireRow
+from messages import say
 
 from .loop import WireLoop
 from .recording import LineCallers
@@ -435,7 +436,7 @@ class PlayedTransport:
 
     def _require_open(self) -> None:
         if self._failure is not None:
-            raise UnpluggedError(f"arm: {self._failure}")
+            raise UnpluggedError(say("arm: {failure}", failure=self._failure))
 
     async def aclose(self) -> None:
         """Release the line."""

@@ -29,6 +29,7 @@ from controller.planning.model import (
 )
 from drivers.kinds import ArmDescription
 from drivers.umi_scara import ArmGeometry, UmiModel
+from messages import say
 
 from .drivers import describe_arm
 from .figures import as_measured
@@ -133,7 +134,10 @@ def _chute(section: ChuteSection | None) -> dict[str, Box]:
     """Return the chute as boxes to avoid, by name."""
     if section is None:
         return {}
-    boxes = {f"chute {name}": Box.from_bounds(*wall) for name, wall in section.walls.items()}
+    boxes: dict[str, Box] = {
+        say("chute {name}", name=name): Box.from_bounds(*wall)
+        for name, wall in section.walls.items()
+    }
     for name, plate in section.plates.items():
         edges = np.array([plate.along, plate.across], dtype=float)
         lengths_mm = np.linalg.norm(edges, axis=1)
@@ -145,7 +149,7 @@ def _chute(section: ChuteSection | None) -> dict[str, Box]:
         T = np.eye(4)
         T[:3, :3] = np.column_stack([x, y, np.cross(x, y)])
         T[:3, 3] = np.array(plate.corner) + T[:3, :3] @ (half_mm * [1, 1, -1])
-        boxes[f"chute {name}"] = Box(T, half_mm)
+        boxes[say("chute {name}", name=name)] = Box(T, half_mm)
     return boxes
 
 

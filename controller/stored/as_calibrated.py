@@ -5,6 +5,7 @@ from dataclasses import replace
 from controller.config import Recipe
 from controller.config.view_set import SetCalibration
 from controller.inspection import PartInspection, Verdict
+from messages import say
 
 
 def as_calibrated(
@@ -21,12 +22,20 @@ def as_calibrated(
     required = "any" if recipe is None else recipe.inspection.calibration
     missing = list(calibration.stale) if required != "any" else []
     if required == "verified" and calibration.why_not_verified:
-        missing.append(f"the cell is not verified: {calibration.why_not_verified}")
+        missing.append(
+            say(
+                "the cell is not verified: {why_not_verified}",
+                why_not_verified=calibration.why_not_verified,
+            )
+        )
     if missing and found.verdict is Verdict.PASS:
         return replace(
             found,
             verdict=Verdict.INDETERMINATE,
-            reasons=(*(f"{why}; the recipe requires it" for why in missing), *found.reasons),
+            reasons=(
+                *(say("{why}; the recipe requires it", why=why) for why in missing),
+                *found.reasons,
+            ),
         )
     stated = tuple(why for why in calibration.stale if why not in missing)
     return replace(found, reasons=(*found.reasons, *missing, *stated))

@@ -35,6 +35,7 @@ from controller.setup.characteristics import (
 )
 from controller.setup.faces import faces_left_out
 from controller.setup.samples import sampled_for
+from messages import say
 
 from .as_calibrated import as_calibrated
 from .learned_file import Learned, read_learned
@@ -127,7 +128,13 @@ def judging_by(
         for cad in (recipe.part, file.part)
     )
     if own != other:
-        warn(f"{path}: its CAD file differs from {file.part}; the part is judged by the latter")
+        warn(
+            say(
+                "{path}: its CAD file differs from {part}; the part is judged by the latter",
+                path=path,
+                part=file.part,
+            )
+        )
     return Judging(recipe, path, set_path, learned or recipe.inspection.learned)
 
 
@@ -174,9 +181,21 @@ def read_pictures(
                     partial(read_grey, path, size_px), read_grey, path, size_px
                 )
             except ConfigError as error:
-                problems.append(f"{set_path}: `views.{i}.pictures.{lamp}`: {error}")
+                problems.append(
+                    say(
+                        "{set_path}: `views.{i}.pictures.{lamp}`: {error}",
+                        set_path=set_path,
+                        i=i,
+                        lamp=lamp,
+                        error=error,
+                    )
+                )
     if len(problems) > MAX_PROBLEM_COUNT:
-        more = f"{set_path}: and {len(problems) - MAX_PROBLEM_COUNT} more like these"
+        more = say(
+            "{set_path}: and {problems_count} more like these",
+            set_path=set_path,
+            problems_count=len(problems) - MAX_PROBLEM_COUNT,
+        )
         problems = [*problems[:MAX_PROBLEM_COUNT], more]
     if problems:
         raise ConfigError("\n".join(problems))
@@ -224,13 +243,23 @@ def _by_learned(found: PartInspection, path: Path) -> str:
         if check.name != OUTLINE and not check.reason
     ]
     without = [f"{view_id}/{check.name}" for view_id, check in checks if not check.learned_from]
-    words = (
-        f"{learned_for(path).sentence}: it decided on surfaces in "
-        f"{len(checks) - len(without)} of {len(checks)} lit pictures"
+    words = say(
+        "{sentence}: it decided on surfaces in {checks_count} of {checks_count2} lit pictures",
+        sentence=learned_for(path).sentence,
+        checks_count=len(checks) - len(without),
+        checks_count2=len(checks),
     )
     if without:
-        more = f" and {len(without) - MAX_NAMED} more" if len(without) > MAX_NAMED else ""
-        words += f"; not in {', '.join(without[:MAX_NAMED])}{more}, which no learned view fits"
+        more = (
+            say(" and {without_count} more", without_count=len(without) - MAX_NAMED)
+            if len(without) > MAX_NAMED
+            else ""
+        )
+        words += say(
+            "; not in {without}{more}, which no learned view fits",
+            without=", ".join(without[:MAX_NAMED]),
+            more=more,
+        )
     return words
 
 

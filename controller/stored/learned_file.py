@@ -23,6 +23,7 @@ from controller.config.files import parse_json, read_bytes, write_whole
 from controller.config.view_set import PoseRows, SetCamera
 from controller.config.yaml_models import Section
 from controller.inspection import Appearance, LearnedPicture, LearnedView, require_usable
+from messages import joined, say
 
 from .view_set import build_camera
 
@@ -117,11 +118,14 @@ class Learned:
     def sentence(self) -> str:
         """Origin in words, for a report."""
         by = {one.accepted_by for one in self.header.parts if one.accepted_by}
-        people = ", ".join(sorted(by - {BY_VERDICT}))
-        who = " and ".join(filter(None, (people, BY_VERDICT if BY_VERDICT in by else "")))
-        return (
-            f"appearance learned on {self.header.made:%Y-%m-%d} from {len(self.header.parts)} "
-            f"parts{who and f', accepted by {who}'}"
+        people = joined(", ", sorted(by - {BY_VERDICT}))
+        who = joined(" and ", filter(None, (people, BY_VERDICT if BY_VERDICT in by else "")))
+        made = f"{self.header.made:%Y-%m-%d}"
+        return say(
+            "appearance learned on {made} from {parts_count} parts{who}",
+            made=made,
+            parts_count=len(self.header.parts),
+            who=who and say(", accepted by {who}", who=who),
         )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from drivers.clock import REAL_TIME, CellClock
 from drivers.errors import BadReplyError, LinkError, ReplyTimeoutError, UnpluggedError
 from drivers.wires import UNTAPPED, Wires
+from messages import key, say
 
 from ._sources import Image, Source
 
@@ -85,7 +86,7 @@ class FileCamera:
         self._worker: Executor | None = None
         self._closing: asyncio.Future[None] | None = None
         self._shape: tuple[int, int] | None = None
-        self._words = "pictures from files"
+        self._words = key("pictures from files")
         self._is_paused = False
         self._begun_s: float | None = None  # of the first frame ever; pictures pass from here on
         self._running_s = 0.0  # since when frames come
@@ -155,7 +156,7 @@ class FileCamera:
         LinkError : it is not connected
         """
         if self._shape is None:
-            raise LinkError(f"{self._name}: not connected")
+            raise LinkError(say("{name}: not connected", name=self._name))
         return self._shape
 
     async def pause(self) -> None:
@@ -199,7 +200,12 @@ class FileCamera:
                     image, number = await self._picture(number)
             except TimeoutError as error:
                 raise ReplyTimeoutError(
-                    f"{self._name}: no frame begun after {t_s:.3f} s within {timeout_s:.3f} s"
+                    say(
+                        "{name}: no frame begun after {t_s:.3f} s within {timeout_s:.3f} s",
+                        name=self._name,
+                        t_s=t_s,
+                        timeout_s=timeout_s,
+                    )
                 ) from error
             self._frame_count = frame + 1
             self._next = number + 1
@@ -233,9 +239,12 @@ class FileCamera:
         raise UnpluggedError(self._at_end())
 
     def _at_end(self) -> str:
-        return (
-            f"{self._name}: all {self._count} pictures have been shown ({self._words}); to begin "
-            "anew give it `settings: {at_end: loop}`"
+        return say(
+            "{name}: all {count} pictures have been shown ({words}); to begin "
+            "anew give it `settings: {{at_end: loop}}`",
+            name=self._name,
+            count=self._count,
+            words=self._words,
         )
 
     # --- in its thread --------------------------------------------------------------------------
@@ -256,7 +265,7 @@ class FileCamera:
 
     async def _run(self, verb: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
         if self._worker is None:
-            raise LinkError(f"{self._name}: not connected")
+            raise LinkError(say("{name}: not connected", name=self._name))
         # the thread is part of this process: an emulated cell must not count its delay
         with self._clock.held():
             return await asyncio.wrap_future(self._worker.submit(verb, *args, **kwargs))
@@ -266,7 +275,7 @@ class FileCamera:
         if duration_s > 0:
             await self._clock.wait([self._closing], duration_s)
         if self._closing.done():
-            raise LinkError(f"{self._name}: closed during a wait")
+            raise LinkError(say("{name}: closed during a wait", name=self._name))
 
     async def _tear_down(self) -> None:
         """Release the files. The thread does it last, even if this wait is cancelled."""
@@ -293,7 +302,15 @@ def _end_of(data: bytes) -> int:
 def _unpacked(data: bytes) -> Image:
     height, width, item = _HEAD.unpack_from(data)
     if item not in (1, 2) or len(data) < _end_of(data):
-        raise BadReplyError(f"a picture of {height} x {width} x {item} bytes in {len(data)}")
+        raise BadReplyError(
+            say(
+                "a picture of {height} x {width} x {item} bytes in {data_count}",
+                height=height,
+                width=width,
+                item=item,
+                data_count=len(data),
+            )
+        )
     count, at = height * width, _HEAD.size
     if item == 1:
         return np.frombuffer(data, np.uint8, count, at).reshape(height, width)

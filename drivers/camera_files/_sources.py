@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from drivers.pictures import BrokenPictureError
 from drivers.pictures import decode as decode_picture
+from messages import say
 
 from ._errors import NoPictureError
 
@@ -56,20 +57,37 @@ class Size:
         height, width = image.shape[:2]
         if (width, height) != (self.width, self.height):
             raise NoPictureError(
-                f"{where}: {width} x {height} px; `size_px` of this camera is "
-                f"{self.width} x {self.height}"
+                say(
+                    "{where}: {width} x {height} px; `size_px` of this camera is "
+                    "{width2} x {height2}",
+                    where=where,
+                    width=width,
+                    height=height,
+                    width2=self.width,
+                    height2=self.height,
+                )
             )
         depth = image.shape[2] if image.ndim == 3 else 1
         if (depth, str(image.dtype)) not in ((1, "uint8"), (1, "uint16"), (3, "uint8")):
             raise NoPictureError(
-                f"{where}: {depth} x {image.dtype} a pixel; grey with 8 or 16 bits is expected, or "
-                "colour with 8"
+                say(
+                    "{where}: {depth} x {dtype} a pixel; grey with 8 or 16 bits is "
+                    "expected, or colour with 8",
+                    where=where,
+                    depth=depth,
+                    dtype=image.dtype,
+                )
             )
         is_deep = image.dtype == np.uint16
         if not (self.allows_16_bits if is_deep else self.allows_8_bits):
             raise NoPictureError(
-                f"{where}: {16 if is_deep else 8} bits a pixel, which `formats` of this camera "
-                f"does not allow; add {'Y16' if is_deep else 'GREY'} there"
+                say(
+                    "{where}: {n} bits a pixel, which `formats` of this camera does "
+                    "not allow; add {format} there",
+                    where=where,
+                    n=16 if is_deep else 8,
+                    format="Y16" if is_deep else "GREY",
+                )
             )
         found = image if depth == 1 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         grey: Image = np.ascontiguousarray(found, image.dtype)
@@ -142,7 +160,7 @@ class Folder:
     @property
     def words(self) -> str:
         """A description, for people."""
-        return f"folder {self._path.name} with {self.count} pictures"
+        return say("folder {name} with {count} pictures", name=self._path.name, count=self.count)
 
     @property
     def count(self) -> int:
@@ -164,11 +182,21 @@ class Folder:
             ]
         except OSError as error:
             raise NoPictureError(
-                f"{self._name}: {self._path}: {error.strerror}; a folder of pictures is expected"
+                say(
+                    "{name}: {path}: {strerror}; a folder of pictures is expected",
+                    name=self._name,
+                    path=self._path,
+                    strerror=error.strerror,
+                )
             ) from error
         if not found:
             raise NoPictureError(
-                f"{self._name}: {self._path}: no picture ({', '.join(ENDINGS)}) is in this folder"
+                say(
+                    "{name}: {path}: no picture ({endings}) is in this folder",
+                    name=self._name,
+                    path=self._path,
+                    endings=", ".join(ENDINGS),
+                )
             )
         self._files = tuple(sorted(found, key=_by_value))
         first = self._load(self._files[0])
@@ -176,8 +204,15 @@ class Folder:
             image = self._load(path)
             if image.dtype != first.dtype:
                 raise NoPictureError(
-                    f"{self._name}: {path}: {8 * image.itemsize} bits a pixel, and "
-                    f"{8 * first.itemsize} in {self._files[0].name}; one camera has one format"
+                    say(
+                        "{name}: {path}: {itemsize} bits a pixel, and {itemsize2} in "
+                        "{name2}; one camera has one format",
+                        name=self._name,
+                        path=path,
+                        itemsize=8 * image.itemsize,
+                        itemsize2=8 * first.itemsize,
+                        name2=self._files[0].name,
+                    )
                 )
         return first
 
@@ -189,20 +224,26 @@ class Folder:
         """Do nothing: no file is kept open."""
 
     def _load(self, path: Path) -> Image:
-        where = f"{self._name}: {path}"
+        where = say("{name}: {path}", name=self._name, path=path)
         try:
             status = path.stat()
             if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_FILE_BYTES:
                 raise NoPictureError(
-                    f"{where}: is no plain file of at most {MAX_FILE_BYTES >> 20} MiB"
+                    say(
+                        "{where}: is no plain file of at most {max_file_bytes} MiB",
+                        where=where,
+                        max_file_bytes=MAX_FILE_BYTES >> 20,
+                    )
                 )
             data = path.read_bytes()
         except OSError as error:
-            raise NoPictureError(f"{where}: {error.strerror}") from error
+            raise NoPictureError(
+                say("{where}: {strerror}", where=where, strerror=error.strerror)
+            ) from error
         try:
             image = decode_picture(data, "colour")
         except BrokenPictureError as error:
-            raise NoPictureError(f"{where}: {error}") from error
+            raise NoPictureError(say("{where}: {error}", where=where, error=error)) from error
         return self._size.take(image, where)
 
 
@@ -232,7 +273,7 @@ class Video:
     @property
     def words(self) -> str:
         """A description, for people."""
-        return f"video {self._path.name}"
+        return say("video {name}", name=self._path.name)
 
     @property
     def count(self) -> int:
@@ -248,7 +289,9 @@ class Video:
         """
         first = self.read(0)
         if first is None:
-            raise NoPictureError(f"{self._name}: {self._path}: no picture is in this video")
+            raise NoPictureError(
+                say("{name}: {path}: no picture is in this video", name=self._name, path=self._path)
+            )
         return first
 
     def read(self, number: int) -> Image | None:
@@ -264,7 +307,12 @@ class Video:
         if not is_there:
             return None
         self._next += 1
-        return self._size.take(image, f"{self._name}: {self._path}, picture {number}")
+        return self._size.take(
+            image,
+            say(
+                "{name}: {path}, picture {number}", name=self._name, path=self._path, number=number
+            ),
+        )
 
     def close(self) -> None:
         """Close the file."""
@@ -277,13 +325,13 @@ class Video:
         where = f"{self._name}: {self._path}"
         # OpenCV takes an address for a network camera, and a pattern for a list of files
         if not self._path.is_file() or "%" in self._path.name:
-            raise NoPictureError(f"{where}: no such video file")
+            raise NoPictureError(say("{where}: no such video file", where=where))
         try:
             film = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
         except cv2.error:
             film = None
         if film is None or not film.isOpened():
-            raise NoPictureError(f"{where}: is no video that OpenCV can read")
+            raise NoPictureError(say("{where}: is no video that OpenCV can read", where=where))
         film.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
         self._film, self._next = film, 0
         return film

@@ -7,6 +7,8 @@ pictures. Needs libaravis, and no Python package.
 
 from dataclasses import dataclass
 
+from messages import say
+
 from .. import kinds
 from ..kinds import Driver, Site
 from ._aravis import Aravis, AravisError, DeviceFault, Handle, Listed, Received, Stream
@@ -100,7 +102,7 @@ def _build(site: Site, settings: GenICamSettings) -> Camera:
 
 
 def _needs() -> str:
-    return f"aravis {load_library().version}"
+    return say("aravis {version}", version=load_library().version)
 
 
 DRIVER: Driver[kinds.Camera, GenICamSettings] = Driver(GenICamSettings, _build, needs=_needs)

@@ -26,11 +26,12 @@ from enum import IntEnum
 from typing import Any, Final
 
 from drivers.errors import NoLibraryError
+from messages import key, say
 
 LIBRARY: Final = "libaravis-0.8.so.0"
 _GLIB: Final = "libglib-2.0.so.0"
 _GOBJECT: Final = "libgobject-2.0.so.0"
-HOW_TO_INSTALL: Final = (
+HOW_TO_INSTALL: Final = key(
     "install it with `apt-get install libaravis-0.8-0` (Debian, Ubuntu) or `dnf install aravis` "
     "(Fedora)"
 )
@@ -278,12 +279,22 @@ class Aravis:
                     calls[function] = call
         except OSError as error:
             raise NoLibraryError(
-                f"the library aravis ({library}), which drives GenICam cameras, cannot be loaded "
-                f"({error}); {HOW_TO_INSTALL}"
+                say(
+                    "the library aravis ({library}), which drives GenICam cameras, "
+                    "cannot be loaded ({error}); {how_to_install}",
+                    library=library,
+                    error=error,
+                    how_to_install=HOW_TO_INSTALL,
+                )
             ) from error
         except AttributeError as error:
             raise NoLibraryError(
-                f"the library aravis ({library}) is too old ({error}); {HOW_TO_INSTALL}"
+                say(
+                    "the library aravis ({library}) is too old ({error}); {how_to_install}",
+                    library=library,
+                    error=error,
+                    how_to_install=HOW_TO_INSTALL,
+                )
             ) from error
         return cls(calls)
 
@@ -313,7 +324,7 @@ class Aravis:
         is_own = found.domain == self._device_domain
         self._calls["g_error_free"](error)
         fault = DeviceFault(code) if is_own and code in set(DeviceFault) else None
-        raise AravisError(message or f"{name}: error {code}", code, fault)
+        raise AravisError(message or say("{name}: error {code}", name=name, code=code), code, fault)
 
     def search(self) -> tuple[Listed, ...]:
         """Return the cameras that answer a search; takes about a second."""

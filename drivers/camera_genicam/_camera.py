@@ -26,6 +26,7 @@ from drivers.errors import (
 )
 from drivers.tallies import tally_words
 from drivers.wires import UNTAPPED, Wires
+from messages import key, say
 
 from ._aravis import Aravis
 from ._formats import Image
@@ -150,7 +151,7 @@ class Camera:
     @property
     def model(self) -> str:
         """The camera's name in messages and the journal: vendor, model, serial number."""
-        return "GenICam camera" if self._identity is None else self._identity.words
+        return key("GenICam camera") if self._identity is None else self._identity.words
 
     @property
     def firmware(self) -> str:
@@ -191,7 +192,7 @@ class Camera:
         LinkError : it is not connected
         """
         if self._identity is None:
-            raise LinkError(f"{self._words}: not connected")
+            raise LinkError(say("{words}: not connected", words=self._words))
         return self._identity
 
     # --- frames ---------------------------------------------------------------------------------
@@ -250,8 +251,15 @@ class Camera:
                 await self._wait(asked_s + head["took_s"] - self._clock.now_s())
         except TimeoutError as error:
             raise ReplyTimeoutError(
-                f"{self._words}: no whole frame triggered after {t_s:.3f} s within "
-                f"{timeout_s:.3f} s: {tally_words(before, self._stats)}{self._hint(before)}"
+                say(
+                    "{words}: no whole frame triggered after {t_s:.3f} s within "
+                    "{timeout_s:.3f} s: {tally_words}{hint}",
+                    words=self._words,
+                    t_s=t_s,
+                    timeout_s=timeout_s,
+                    tally_words=tally_words(before, self._stats),
+                    hint=self._hint(before),
+                )
             ) from error
         image: Image
         if head["item_bytes"] == 1:
@@ -273,9 +281,11 @@ class Camera:
         size = self.identity().packet_size
         if size > USUAL_PACKET_SIZE:
             # of a frame, the two packets without pixels are small
-            return (
-                f"; if packets of {size} bytes do not pass the network, set its `packet_size` to "
-                f"{USUAL_PACKET_SIZE}"
+            return say(
+                "; if packets of {size} bytes do not pass the network, set its "
+                "`packet_size` to {usual_packet_size}",
+                size=size,
+                usual_packet_size=USUAL_PACKET_SIZE,
             )
         came = self._stats.incomplete_count - before.incomplete_count
         if came or not size:
@@ -315,14 +325,14 @@ class Camera:
 
     def _opened(self) -> Session:
         if self._session is None:
-            raise LinkError(f"{self._words}: not connected")
+            raise LinkError(say("{words}: not connected", words=self._words))
         return self._session
 
     # --- inside ---------------------------------------------------------------------------------
 
     @property
     def _words(self) -> str:
-        return f"camera {self._config.address}"
+        return say("camera {address}", address=self._config.address)
 
     async def _take_control(self) -> None:
         """Take control; wait for the heartbeat of a program here that may have died.
@@ -339,9 +349,18 @@ class Camera:
             if until_s is None:
                 until_s = self._clock.now_s() + held["heartbeat_s"] + _HELD_POLL_S
             if not held["is_ours"] or self._clock.now_s() >= until_s:
-                who = f"the program at {held['holder']}" if held["holder"] else "another program"
+                who = (
+                    say("the program at {holder}", holder=held["holder"])
+                    if held["holder"]
+                    else key("another program")
+                )
                 raise RefusedError(
-                    f"{self._words}: busy, {who} controls it; end that program", HELD_CODE
+                    say(
+                        "{words}: busy, {who} controls it; end that program",
+                        words=self._words,
+                        who=who,
+                    ),
+                    HELD_CODE,
                 )
             await self._wait(_HELD_POLL_S)
 
@@ -356,7 +375,7 @@ class Camera:
         if duration_s > 0:
             await self._clock.wait([self._closing], duration_s)
         if self._closing.done():
-            raise LinkError(f"{self._words}: closed during a wait")
+            raise LinkError(say("{words}: closed during a wait", words=self._words))
 
     async def _call(self, what: str, do: Callable[[], Answer], *, is_quick: bool = True) -> Answer:
         """Make a call on the camera's thread, by way of the tap; one that finds it gone closes it.
@@ -368,7 +387,7 @@ class Camera:
         is_quick : False if it waits for the camera, whose time must go on meanwhile
         """
         if self._worker is None:
-            raise LinkError(f"{self._words}: not connected")
+            raise LinkError(say("{words}: not connected", words=self._words))
         is_over = self._is_over = threading.Event()
 
         def answer() -> bytes:

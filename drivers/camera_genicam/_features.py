@@ -10,6 +10,7 @@ from functools import partial
 from typing import Final, TypeVar
 
 from drivers.errors import RefusedError, WrongDeviceError
+from messages import say
 
 from ._aravis import AravisError, Handle
 from ._formats import FORMATS, PixelFormat
@@ -106,9 +107,13 @@ class Features:
         ours = {one.name: name for name, one in FORMATS.items()}
         known = [f"{ours[name]} ({name})" for name in offered if name in ours]
         raise WrongDeviceError(
-            f"{self._name}: sends none of the pixel formats {', '.join(w.name for w in wanted)}; "
-            f"it offers {', '.join(known) or 'no grey one that this driver reads'}: correct "
-            "`formats` of the camera in the cell file"
+            say(
+                "{name}: sends none of the pixel formats {name2}; it offers "
+                "{known}: correct `formats` of the camera in the cell file",
+                name=self._name,
+                name2=", ".join(w.name for w in wanted),
+                known=", ".join(known) or "no grey one that this driver reads",
+            )
         )
 
     def _region(self, config: CameraConfig) -> None:
@@ -128,8 +133,13 @@ class Features:
             chosen = next((one for one in _FRAME_TRIGGERS if one in entries), None)
             if chosen is None:
                 raise WrongDeviceError(
-                    f"{self._name}: has triggers {', '.join(entries) or 'of no kind'}, and none of "
-                    f"{', '.join(_FRAME_TRIGGERS)}: it cannot take one frame when asked to"
+                    say(
+                        "{name}: has triggers {entries}, and none of {frame_triggers}: it "
+                        "cannot take one frame when asked to",
+                        name=self._name,
+                        entries=", ".join(entries) or "of no kind",
+                        frame_triggers=", ".join(_FRAME_TRIGGERS),
+                    )
                 )
             for entry in entries:
                 if entry != chosen:
@@ -141,8 +151,11 @@ class Features:
         self._number(("TriggerDelay", "TriggerDelayAbs"), 0.0, is_needed=False)
         if not self._camera.has("TriggerSoftware"):
             raise WrongDeviceError(
-                f"{self._name}: has no software trigger, without which the instant of an exposure "
-                "is not known"
+                say(
+                    "{name}: has no software trigger, without which the instant of an "
+                    "exposure is not known",
+                    name=self._name,
+                )
             )
 
     def _select(self, selector: str, entry: str) -> None:
@@ -183,8 +196,14 @@ class Features:
         now = read(feature)
         if now != value:
             raise RefusedError(
-                f"{self._name}: {feature} is {now} after {value} was set; correct the cell file, "
-                "or the camera with its maker's program",
+                say(
+                    "{name}: {feature} is {now} after {value} was set; correct the "
+                    "cell file, or the camera with its maker's program",
+                    name=self._name,
+                    feature=feature,
+                    now=now,
+                    value=value,
+                ),
                 0,
             )
         self.settings.append(Setting(feature, f"{now}", "" if was == value else f"{was}"))
@@ -216,8 +235,15 @@ class Features:
             value = max(value, low)
         if not low <= value <= high:
             raise RefusedError(
-                f"{self._name}: {feature} {value:g} is outside of its range, {low:g} to {high:g}; "
-                "correct the cell file",
+                say(
+                    "{name}: {feature} {value:g} is outside of its range, {low:g} to "
+                    "{high:g}; correct the cell file",
+                    name=self._name,
+                    feature=feature,
+                    value=value,
+                    low=low,
+                    high=high,
+                ),
                 0,
             )
         was = self._camera.number(feature)
@@ -227,8 +253,14 @@ class Features:
         # an integer is rounded, whatever its size
         if abs(now - value) > max(STEP_SHARE * abs(value), 0.5 if now == round(now) else 0.0):
             raise RefusedError(
-                f"{self._name}: {feature} is {now:g} after {value:g} was set; correct the cell "
-                "file, or the camera with its maker's program",
+                say(
+                    "{name}: {feature} is {now:g} after {value:g} was set; correct the "
+                    "cell file, or the camera with its maker's program",
+                    name=self._name,
+                    feature=feature,
+                    now=now,
+                    value=value,
+                ),
                 0,
             )
         self.settings.append(Setting(feature, f"{now:g}", "" if was == now else f"{was:g}"))
@@ -237,8 +269,14 @@ class Features:
     def _note(self, feature: str, asked: int, found: int, config: CameraConfig) -> None:
         if found != asked:
             raise RefusedError(
-                f"{self._name}: {feature} is {found} after {asked} was set; set `packet_size` of "
-                "its settings to one that the camera takes",
+                say(
+                    "{name}: {feature} is {found} after {asked} was set; set "
+                    "`packet_size` of its settings to one that the camera takes",
+                    name=self._name,
+                    feature=feature,
+                    found=found,
+                    asked=asked,
+                ),
                 0,
             )
         self.settings.append(Setting(feature, f"{found}"))
@@ -248,7 +286,11 @@ class Features:
             return True
         if is_needed:
             raise WrongDeviceError(
-                f"{self._name}: has no {feature}, without which no picture can be taken"
+                say(
+                    "{name}: has no {feature}, without which no picture can be taken",
+                    name=self._name,
+                    feature=feature,
+                )
             )
         self.settings.append(Setting(feature, ABSENT))
         return False
@@ -260,6 +302,12 @@ class Features:
             if error.is_gone:
                 raise
             raise RefusedError(
-                f"{self._name}: refuses {feature} {value} ({error}); correct the cell file",
+                say(
+                    "{name}: refuses {feature} {value} ({error}); correct the cell file",
+                    name=self._name,
+                    feature=feature,
+                    value=value,
+                    error=error,
+                ),
                 error.code,
             ) from error

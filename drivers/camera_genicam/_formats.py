@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import BadReplyError
+from messages import say
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -83,7 +84,13 @@ def decode(data: bytes, height: int, width: int, padding: int, item_bytes: int) 
     stride = width * item_bytes + padding
     if len(data) < stride * height - padding:
         raise BadReplyError(
-            f"a picture of {width} x {height} px in {len(data)} bytes, {stride * height} expected"
+            say(
+                "a picture of {width} x {height} px in {data_count} bytes, {stride} expected",
+                width=width,
+                height=height,
+                data_count=len(data),
+                stride=stride * height,
+            )
         )
     rows = np.frombuffer(data.ljust(stride * height, b"\0"), np.uint8, stride * height)
     pixels = np.ascontiguousarray(rows.reshape(height, stride)[:, : width * item_bytes])

@@ -15,6 +15,7 @@ from typing import Final, Protocol
 
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, LinkError, UnpluggedError, WrongDeviceError
+from messages import key, say
 
 from ._aravis import (
     GONE,
@@ -113,7 +114,7 @@ class Session:
     ) -> None:
         self._config, self._clock, self._library = config, clock, library
         self._stats = stats
-        self._name = f"camera {config.address}"
+        self._name = say("camera {address}", address=config.address)
         self._ip = config.address if _is_ip(config.address) else ""
         self._camera: Handle | None = None
         self._stream: Stream | None = None
@@ -141,19 +142,32 @@ class Session:
             self._camera = self._library.open(name)
         except AravisError as error:
             raise LinkError(
-                f"{self._name}: does not answer ({error}); check its cable and power, and that "
-                "this computer has an address in its network"
+                say(
+                    "{name}: does not answer ({error}); check its cable and power, and "
+                    "that this computer has an address in its network",
+                    name=self._name,
+                    error=error,
+                )
             ) from error
         model, serial = self._text_of("DeviceModelName"), self._serial()
         if config.model and config.model != model:
             raise WrongDeviceError(
-                f"{self._name}: its model is `{model}`, `{config.model}` is expected; correct the "
-                "cell file"
+                say(
+                    "{name}: its model is `{model}`, `{model2}` is expected; correct the cell file",
+                    name=self._name,
+                    model=model,
+                    model2=config.model,
+                )
             )
         if config.serial and config.serial != serial:
             raise WrongDeviceError(
-                f"{self._name}: its serial number is `{serial}`, `{config.serial}` is expected; "
-                "correct the cell file"
+                say(
+                    "{name}: its serial number is `{serial}`, `{serial2}` is expected; "
+                    "correct the cell file",
+                    name=self._name,
+                    serial=serial,
+                    serial2=config.serial,
+                )
             )
 
     def _search(self) -> str:
@@ -168,12 +182,25 @@ class Session:
         names = ", ".join(f"{one.name} at {one.address}" for one in (fitting or found))
         if fitting:
             raise WrongDeviceError(
-                f"{self._name}: {len(fitting)} cameras have this serial number: {names}; give the "
-                "whole name"
+                say(
+                    "{name}: {fitting_count} cameras have this serial number: {names}; "
+                    "give the whole name",
+                    name=self._name,
+                    fitting_count=len(fitting),
+                    names=names,
+                )
             )
         if names:
-            raise LinkError(f"{self._name}: no such camera answers; those that do: {names}")
-        raise LinkError(f"{self._name}: no camera answers a search; check cables and power")
+            raise LinkError(
+                say(
+                    "{name}: no such camera answers; those that do: {names}",
+                    name=self._name,
+                    names=names,
+                )
+            )
+        raise LinkError(
+            say("{name}: no camera answers a search; check cables and power", name=self._name)
+        )
 
     def take_control(self) -> None:
         """Take control of the camera.
@@ -278,8 +305,13 @@ class Session:
                     self._stats.out_of_step_count += 1
                     if was_out_of_step:
                         raise BadReplyError(
-                            f"{self._name}: frames come that were not triggered: after number "
-                            f"{last_id} comes {got.frame_id}; is another trigger on?"
+                            say(
+                                "{name}: frames come that were not triggered: after number "
+                                "{last_id} comes {frame_id}; is another trigger on?",
+                                name=self._name,
+                                last_id=last_id,
+                                frame_id=got.frame_id,
+                            )
                         )
                     was_out_of_step = True
                 late_s = self._trigger()
@@ -322,8 +354,8 @@ class Session:
         got = self._stream.pop(timeout_wall_s)
         if got is None:
             if not self._opened().is_controller():
-                self._lost = "another program has taken control, or the camera restarted"
-                raise UnpluggedError(f"{self._name}: {self._lost}")
+                self._lost = key("another program has taken control, or the camera restarted")
+                raise UnpluggedError(say("{name}: {lost}", name=self._name, lost=self._lost))
             return None
         # packets that come twice may make an incomplete frame of one that was whole already
         if got.status == STATUS_SUCCESS or got.frame_id != self._last_id:
@@ -347,15 +379,28 @@ class Session:
         found = (got.payload in PAYLOAD_IMAGES, got.width, got.height, got.pixel_format)
         if found != (True, config.width, config.height, wanted.number):
             raise BadReplyError(
-                f"{self._name}: a frame of {got.width} x {got.height} px with pixel format "
-                f"0x{got.pixel_format:08X}, {config.width} x {config.height} px with "
-                f"0x{wanted.number:08X} expected; has another program set it?"
+                say(
+                    "{name}: a frame of {width} x {height} px with pixel format "
+                    "0x{pixel_format:08X}, {width2} x {height2} px with 0x{number:08X} "
+                    "expected; has another program set it?",
+                    name=self._name,
+                    width=got.width,
+                    height=got.height,
+                    pixel_format=got.pixel_format,
+                    width2=config.width,
+                    height2=config.height,
+                    number=wanted.number,
+                )
             )
         image = decode(got.data, got.height, got.width, got.padding, wanted.item_bytes)
         if self._white < wanted.white and int(image.max()) > self._white:
             raise BadReplyError(
-                f"{self._name}: a pixel of {int(image.max())}, its PixelDynamicRangeMax is "
-                f"{self._white}"
+                say(
+                    "{name}: a pixel of {max}, its PixelDynamicRangeMax is {white}",
+                    name=self._name,
+                    max=int(image.max()),
+                    white=self._white,
+                )
             )
         return Taken(image, self._white, got.frame_id, got.stamp_ns)
 
@@ -403,9 +448,9 @@ class Session:
 
     def _opened(self) -> Handle:
         if self._lost:
-            raise UnpluggedError(f"{self._name}: {self._lost}")
+            raise UnpluggedError(say("{name}: {lost}", name=self._name, lost=self._lost))
         if self._camera is None:
-            raise LinkError(f"{self._name}: not connected")
+            raise LinkError(say("{name}: not connected", name=self._name))
         return self._camera
 
     def _watched(self) -> "_Watch":
@@ -413,8 +458,10 @@ class Session:
 
     def note_lost(self, error: AravisError) -> UnpluggedError:
         """Note that the camera is gone; return the error to raise."""
-        self._lost = f"does not answer any more ({error}); check its cable and power"
-        return UnpluggedError(f"{self._name}: {self._lost}")
+        self._lost = say(
+            "does not answer any more ({error}); check its cable and power", error=error
+        )
+        return UnpluggedError(say("{name}: {lost}", name=self._name, lost=self._lost))
 
     @property
     def name(self) -> str:
@@ -454,7 +501,7 @@ class _Watch:
             return
         if error.fault in GONE:
             raise self._session.note_lost(error) from error
-        raise BadReplyError(f"{self._session.name}: {error}") from error
+        raise BadReplyError(say("{name}: {error}", name=self._session.name, error=error)) from error
 
 
 def _is_next(frame_id: int, last_id: int | None) -> bool:

@@ -22,6 +22,7 @@ from drivers.errors import (
 )
 from drivers.tallies import tally_words
 from drivers.wires import UNTAPPED, Wires
+from messages import key, say
 
 from .capture import (
     CameraConfig,
@@ -156,7 +157,7 @@ class Camera:
     def model(self) -> str:
         """The camera's name in messages and the journal: card and kernel driver, once connected."""
         if self._capture is None:
-            return "V4L2 camera"
+            return key("V4L2 camera")
         identity = self.identity()
         return f"{identity.card} ({identity.driver})"
 
@@ -272,8 +273,14 @@ class Camera:
                     return await self._first_frame(capture, t_s)
             except TimeoutError as error:
                 raise ReplyTimeoutError(
-                    f"camera {self._config.device}: no frame exposed after {t_s:.3f} s within "
-                    f"{timeout_s:.3f} s: {tally_words(before, self._stats)}"
+                    say(
+                        "camera {device}: no frame exposed after {t_s:.3f} s within "
+                        "{timeout_s:.3f} s: {tally_words}",
+                        device=self._config.device,
+                        t_s=t_s,
+                        timeout_s=timeout_s,
+                        tally_words=tally_words(before, self._stats),
+                    )
                 ) from error
 
     async def _first_frame(self, capture: CaptureSession, t_s: float) -> Frame:
@@ -325,11 +332,13 @@ class Camera:
 
     def _raise_if_closing(self) -> None:
         if self._is_closing:
-            raise LinkError(f"camera {self._config.device}: closed during a wait")
+            raise LinkError(
+                say("camera {device}: closed during a wait", device=self._config.device)
+            )
 
     def _open(self) -> CaptureSession:
         if self._capture is None:
-            raise LinkError(f"camera {self._config.device}: not connected")
+            raise LinkError(say("camera {device}: not connected", device=self._config.device))
         return self._capture
 
     async def _call(self, verb: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -342,7 +351,7 @@ class Camera:
 
     async def _run(self, verb: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
         if self._worker is None:
-            raise LinkError(f"camera {self._config.device}: not connected")
+            raise LinkError(say("camera {device}: not connected", device=self._config.device))
         # the thread is part of this process: an emulated cell must not count its delay
         with self._clock.held():
             return await asyncio.wrap_future(self._worker.submit(verb, *args, **kwargs))

@@ -11,6 +11,8 @@ import logging
 from collections.abc import Awaitable, Callable
 from typing import Final, Self
 
+from messages import key, say
+
 from ..errors import (
     BadReplyError,
     DeviceError,
@@ -87,8 +89,11 @@ class Gripper:
                 for count in (1, 2)
             ),
             check=(
-                f"its 24 V supply, its slave id {self.config.unit}, RS-485 A and B, 115200 8N1 "
-                "(a Robotiq also stays silent when it does not like a request)"
+                say(
+                    "its 24 V supply, its slave id {unit}, RS-485 A and B, 115200 8N1 "
+                    "(a Robotiq also stays silent when it does not like a request)",
+                    unit=self.config.unit,
+                )
             ),
         )
         self._monitor = GripperMonitor(self._unit, self.config)
@@ -122,15 +127,28 @@ class Gripper:
         ------
         WrongDeviceError : the device that answers is no Robotiq 2F
         """
-        expected = "expected a Robotiq 2F gripper, which never answers with an exception"
-        advice = "check slave id and port, or which device is wired there"
+        expected = key("expected a Robotiq 2F gripper, which never answers with an exception")
+        advice = key("check slave id and port, or which device is wired there")
         try:
             status = await self.status()
         except RefusedError as error:
-            raise WrongDeviceError(f"{self._unit}: {expected}, found {error}; {advice}") from error
+            raise WrongDeviceError(
+                say(
+                    "{unit}: {expected}, found {error}; {advice}",
+                    unit=self._unit,
+                    expected=expected,
+                    error=error,
+                    advice=advice,
+                )
+            ) from error
         except BadReplyError as error:
             raise WrongDeviceError(
-                f"{self._unit}: expected a Robotiq 2F gripper, found {error}; {advice}"
+                say(
+                    "{unit}: expected a Robotiq 2F gripper, found {error}; {advice}",
+                    unit=self._unit,
+                    error=error,
+                    advice=advice,
+                )
             ) from error
         if self._monitor.grasp is None and status.is_activated and status.has_contact:
             self._monitor.grasp = judge_grasp(status, status.object, 0.0, self.config)
@@ -210,8 +228,13 @@ class Gripper:
         is_there = abs(status.opening_mm - opening_mm) <= self.config.arrival_tolerance_mm
         if status.object is not ObjectState.AT_POSITION and not is_there:
             raise StalledError(
-                f"{self.name}: the jaws met an obstacle at {status.opening_mm:.1f} mm while moving "
-                f"to {opening_mm:.1f} mm; see what is between or beside them"
+                say(
+                    "{name}: the jaws met an obstacle at {opening_mm:.1f} mm while "
+                    "moving to {opening_mm2:.1f} mm; see what is between or beside them",
+                    name=self.name,
+                    opening_mm=status.opening_mm,
+                    opening_mm2=opening_mm,
+                )
             )
         return status
 
@@ -291,8 +314,12 @@ class Gripper:
             if status.is_activated and not status.is_going:
                 return status
         raise StalledError(
-            f"{self.name}: acknowledged, but did not obey {STOP_TRIES} stop commands; "
-            "cut its power if the jaws still move"
+            say(
+                "{name}: acknowledged, but did not obey {stop_tries} stop "
+                "commands; cut its power if the jaws still move",
+                name=self.name,
+                stop_tries=STOP_TRIES,
+            )
         )
 
     async def _take(
@@ -342,7 +369,13 @@ class Gripper:
 
     def _require_not_stopped(self, stop_count: int, status: GripperStatus) -> None:
         if self._stop_count != stop_count:
-            raise StoppedError(f"{self.name}: stopped at {status.opening_mm:.1f} mm")
+            raise StoppedError(
+                say(
+                    "{name}: stopped at {opening_mm:.1f} mm",
+                    name=self.name,
+                    opening_mm=status.opening_mm,
+                )
+            )
 
     async def _arrival(self, target: Counts, limit_s: float, stop_count: int) -> GripperStatus:
         deadline_s = self._monitor.deadline_s(limit_s)
@@ -356,19 +389,32 @@ class Gripper:
                 if status.object is not ObjectState.MOVING:
                     return status
             elif is_under_way:  # before that it is the old state: refreshed every 5 ms only
-                raise StoppedError(f"{self.name}: stopped at {status.opening_mm:.1f} mm")
+                raise StoppedError(
+                    say(
+                        "{name}: stopped at {opening_mm:.1f} mm",
+                        name=self.name,
+                        opening_mm=status.opening_mm,
+                    )
+                )
             if self._clock.attended_s() > deadline_s:
                 await self._quietly(self.stop)
                 raise StalledError(
-                    f"{self.name}: not arrived after {limit_s:.1f} s, stopped at "
-                    f"{status.opening_mm:.1f} mm; look at the jaws"
+                    say(
+                        "{name}: not arrived after {limit_s:.1f} s, stopped at "
+                        "{opening_mm:.1f} mm; look at the jaws",
+                        name=self.name,
+                        limit_s=limit_s,
+                        opening_mm=status.opening_mm,
+                    )
                 )
             await self._monitor.pause()
 
     async def _activate(self, status: GripperStatus, stop_count: int) -> GripperStatus:
         if status.fault == RELEASING_FAULT:
             status = await self._monitor.until(
-                lambda now: now.fault != RELEASING_FAULT, RELEASE_TIMEOUT_S, "automatic release"
+                lambda now: now.fault != RELEASING_FAULT,
+                RELEASE_TIMEOUT_S,
+                key("automatic release"),
             )
         is_activating = status.is_powered_on and status.activation is ActivationState.ACTIVATING
         if not is_activating or fault_of(status.fault).kind is FaultClass.MAJOR:
@@ -432,12 +478,19 @@ class Gripper:
 
     def _require_ready(self, status: GripperStatus) -> None:
         if status.has_fault:
-            raise FaultError(f"{self.name}: {status.fault_text}", status.fault)
+            raise FaultError(
+                say("{name}: {fault_text}", name=self.name, fault_text=status.fault_text),
+                status.fault,
+            )
         if not status.is_activated:
             raise PositionLostError(
-                f"{self.name}: not activated (gSTA {int(status.activation)}), so it was just "
-                "switched on or lost its power; see what it holds, then activate it: its jaws "
-                "will move"
+                say(
+                    "{name}: not activated (gSTA {activation}), so it was just "
+                    "switched on or lost its power; see what it holds, then activate "
+                    "it: its jaws will move",
+                    name=self.name,
+                    activation=int(status.activation),
+                )
             )
 
     def _forget_grasp(self) -> None:

@@ -8,6 +8,8 @@ import logging
 from collections.abc import Callable
 from typing import Final
 
+from messages import say
+
 from ..errors import DeviceError, FaultError, StalledError
 from ..kinds import Hold
 from ..modbus_link import ModbusUnit
@@ -105,14 +107,34 @@ class GripperMonitor:
         while True:
             status = await self.status()
             if stop_at_major and fault_of(status.fault).kind is FaultClass.MAJOR:
-                raise FaultError(f"{self._name}: {what}: {status.fault_text}", status.fault)
+                raise FaultError(
+                    say(
+                        "{name}: {what}: {fault_text}",
+                        name=self._name,
+                        what=what,
+                        fault_text=status.fault_text,
+                    ),
+                    status.fault,
+                )
             if claim(status):
                 return status
             if self._clock.attended_s() > deadline_s:
-                message = f"{self._name}: {what} not finished after {limit_s:g} s"
+                message = say(
+                    "{name}: {what} not finished after {limit_s:g} s",
+                    name=self._name,
+                    what=what,
+                    limit_s=limit_s,
+                )
                 if status.has_fault:
-                    raise FaultError(f"{message}; {status.fault_text}", status.fault)
-                raise StalledError(f"{message}; check that the fingers are free")
+                    raise FaultError(
+                        say(
+                            "{message}; {fault_text}", message=message, fault_text=status.fault_text
+                        ),
+                        status.fault,
+                    )
+                raise StalledError(
+                    say("{message}; check that the fingers are free", message=message)
+                )
             await self.pause()
 
     async def pause(self) -> None:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import Final, NewType
 
+from messages import key, say
+
 from ..errors import BadReplyError
 
 Counts = NewType("Counts", int)  # 0 open .. 255 closed, of the encoders or of a request
@@ -61,27 +63,51 @@ class Fault:
     advice: str
 
 
-_REACTIVATE: Final = "take the part out if one is held, then activate the gripper again"
+_REACTIVATE: Final = key("take the part out if one is held, then activate the gripper again")
 
 FAULTS: Final[dict[int, Fault]] = {  # §2.4
-    0x00: Fault(FaultClass.NONE, "no fault", "nothing to do"),
-    0x05: Fault(FaultClass.PRIORITY, "action delayed by an activation", "let it finish activating"),
-    0x07: Fault(FaultClass.PRIORITY, "not activated", "activate it before it is moved"),
-    0x08: Fault(FaultClass.MINOR, "over-temperature, 85 degC or more", "let it cool below 80 degC"),
-    0x09: Fault(FaultClass.MINOR, "no communication for 1 s", "nothing to do: any message ends it"),
-    0x0A: Fault(FaultClass.MAJOR, "supply under-voltage", f"check its 24 V supply; {_REACTIVATE}"),
+    0x00: Fault(FaultClass.NONE, key("no fault"), key("nothing to do")),
+    0x05: Fault(
+        FaultClass.PRIORITY, key("action delayed by an activation"), key("let it finish activating")
+    ),
+    0x07: Fault(FaultClass.PRIORITY, key("not activated"), key("activate it before it is moved")),
+    0x08: Fault(
+        FaultClass.MINOR, key("over-temperature, 85 degC or more"), key("let it cool below 80 degC")
+    ),
+    0x09: Fault(
+        FaultClass.MINOR, key("no communication for 1 s"), key("nothing to do: any message ends it")
+    ),
+    0x0A: Fault(
+        FaultClass.MAJOR,
+        key("supply under-voltage"),
+        say("check its 24 V supply; {reactivate}", reactivate=_REACTIVATE),
+    ),
     0x0B: Fault(
-        FaultClass.MAJOR, "automatic release in progress", f"wait for its end; {_REACTIVATE}"
+        FaultClass.MAJOR,
+        key("automatic release in progress"),
+        say("wait for its end; {reactivate}", reactivate=_REACTIVATE),
     ),
     0x0C: Fault(
-        FaultClass.MAJOR, "internal fault", f"{_REACTIVATE}; if it returns, ask Robotiq's support"
+        FaultClass.MAJOR,
+        key("internal fault"),
+        say("{reactivate}; if it returns, ask Robotiq's support", reactivate=_REACTIVATE),
     ),
-    0x0D: Fault(FaultClass.MAJOR, "activation fault", f"free the fingers; {_REACTIVATE}"),
-    0x0E: Fault(FaultClass.MAJOR, "over-current", f"look for jammed fingers; {_REACTIVATE}"),
-    0x0F: Fault(FaultClass.MAJOR, "automatic release completed", _REACTIVATE),
+    0x0D: Fault(
+        FaultClass.MAJOR,
+        key("activation fault"),
+        say("free the fingers; {reactivate}", reactivate=_REACTIVATE),
+    ),
+    0x0E: Fault(
+        FaultClass.MAJOR,
+        "over-current",
+        say("look for jammed fingers; {reactivate}", reactivate=_REACTIVATE),
+    ),
+    0x0F: Fault(FaultClass.MAJOR, key("automatic release completed"), _REACTIVATE),
 }
 _UNLISTED: Final = Fault(
-    FaultClass.MAJOR, "a fault that the manual does not list", f"note it; {_REACTIVATE}"
+    FaultClass.MAJOR,
+    key("a fault that the manual does not list"),
+    say("note it; {reactivate}", reactivate=_REACTIVATE),
 )
 NO_MESSAGE_FAULT: Final = 0x09
 RELEASING_FAULT: Final = 0x0B
@@ -118,8 +144,12 @@ def decode_inputs(registers: tuple[int, ...]) -> Inputs:
     activation = status >> 4 & 0x03
     if status & _RESERVED_STATUS_BITS or activation not in (0, 1, 3):
         raise BadReplyError(
-            f"no Robotiq 2F sends {' '.join(f'{register:04X}' for register in registers)}: "
-            f"bits of its status byte {status:02X} have no meaning"
+            say(
+                "no Robotiq 2F sends {register}: bits of its status byte "
+                "{status:02X} have no meaning",
+                register=" ".join(f"{register:04X}" for register in registers),
+                status=status,
+            )
         )
     faults = registers[1] >> 8
     return Inputs(

@@ -6,6 +6,8 @@ Sections (§) are those of modbus_devices.md.
 from dataclasses import dataclass
 from enum import Enum
 
+from messages import say
+
 from ..kinds import Hold
 from ._config import GripperConfig
 from ._registers import (
@@ -105,7 +107,12 @@ class GripperStatus:
     def fault_text(self) -> str:
         """The fault in words, with advice."""
         fault = fault_of(self.fault)
-        return f"fault {self.fault:02X}, {fault.text}: {fault.advice}"
+        return say(
+            "fault {fault:02X}, {text}: {advice}",
+            fault=self.fault,
+            text=fault.text,
+            advice=fault.advice,
+        )
 
 
 class GraspEvidence(Enum):

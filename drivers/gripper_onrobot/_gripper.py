@@ -9,6 +9,8 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from messages import key, say
+
 from ..errors import (
     DeviceError,
     FaultError,
@@ -117,7 +119,9 @@ class RgGripper:
         probes = tuple(
             Request(FunctionCode.READ_HOLDING_REGISTERS, STATUS_REGISTER, n) for n in (1, 2)
         )
-        check = "the box's power, its address, the tool's cable, and that nobody else is connected"
+        check = key(
+            "the box's power, its address, the tool's cable, and that nobody else is connected"
+        )
         self._unit = link.unit(unit, "gripper", probes=probes, check=check)
         self._box = link.unit(BOX_UNIT, "Compute Box", check=check)
         self._verb = asyncio.Lock()
@@ -129,7 +133,7 @@ class RgGripper:
     @property
     def model(self) -> str:
         """The device's name in messages and the journal."""
-        return f"OnRobot {self._model.name}"
+        return say("OnRobot {name}", name=self._model.name)
 
     @property
     def max_opening_mm(self) -> float:
@@ -148,11 +152,24 @@ class RgGripper:
         try:
             product = await self._unit.read_holding_registers(PRODUCT_REGISTER, PRODUCT_COUNT)
         except RefusedError as error:
-            raise WrongDeviceError(f"{self._unit}: expected an {self.model}, {error}") from error
+            raise WrongDeviceError(
+                say(
+                    "{unit}: expected an {model}, {error}",
+                    unit=self._unit,
+                    model=self.model,
+                    error=error,
+                )
+            ) from error
         if product[0] != self._model.product:
             raise WrongDeviceError(
-                f"{self._unit}: expected an {self.model}, product {self._model.product:02X}, "
-                f"found product {product[0]:02X}; check `settings: {{model}}` and `unit`"
+                say(
+                    "{unit}: expected an {model}, product {product:02X}, found product "
+                    "{product2:02X}; check `settings: {{model}}` and `unit`",
+                    unit=self._unit,
+                    model=self.model,
+                    product=self._model.product,
+                    product2=product[0],
+                )
             )
         self.firmware = f"{product[4] >> 8}.{product[4] & 0xFF} build {product[5]}"
         reading = await self.status()
@@ -237,8 +254,12 @@ class RgGripper:
         reading = await self._move(opening_mm, force_n)
         if abs(reading.opening_mm - opening_mm) > ARRIVED_MM:
             raise StalledError(
-                f"gripper: the jaws ended at {reading.opening_mm:.1f} mm on their way to "
-                f"{opening_mm:.1f} mm; see what is between or beside them"
+                say(
+                    "gripper: the jaws ended at {opening_mm:.1f} mm on their way to "
+                    "{opening_mm2:.1f} mm; see what is between or beside them",
+                    opening_mm=reading.opening_mm,
+                    opening_mm2=opening_mm,
+                )
             )
         return reading
 
@@ -288,7 +309,7 @@ class RgGripper:
             if not reading.is_moving:
                 return reading
             if self._clock.attended_s() > deadline_s:
-                raise StalledError("gripper: does not obey a stop; cut its power if it moves")
+                raise StalledError(key("gripper: does not obey a stop; cut its power if it moves"))
             await self._clock.sleep(POLL_S)
 
     def _check(self, opening_mm: float) -> None:
@@ -298,7 +319,10 @@ class RgGripper:
     def _fault(self, reading: RgReading) -> FaultError:
         names = ", ".join(str(flag.name).lower() for flag in SAFETY if flag in reading.flags)
         return FaultError(
-            f"gripper: {names}; free the safety switch, take the part out, then activate it",
+            say(
+                "gripper: {names}; free the safety switch, take the part out, then activate it",
+                names=names,
+            ),
             int(reading.flags & SAFETY),
         )
 
@@ -313,7 +337,9 @@ class RgGripper:
                 await self.stop()
                 stop_count += 1
             if self._stop_count != stop_count:  # before it has begun
-                raise MotionStoppedError(f"gripper: stopped at {before.opening_mm:.1f} mm")
+                raise MotionStoppedError(
+                    say("gripper: stopped at {opening_mm:.1f} mm", opening_mm=before.opening_mm)
+                )
             self._grasped_mm, self._is_lost = None, False
 
             async def is_missing() -> bool:
@@ -338,7 +364,9 @@ class RgGripper:
         while True:
             reading = await self.status()
             if self._stop_count != stop_count:
-                raise MotionStoppedError(f"gripper: stopped at {reading.opening_mm:.1f} mm")
+                raise MotionStoppedError(
+                    say("gripper: stopped at {opening_mm:.1f} mm", opening_mm=reading.opening_mm)
+                )
             if reading.has_fault:
                 raise self._fault(reading)
             was_busy = was_busy or reading.is_moving
@@ -347,7 +375,9 @@ class RgGripper:
                 return reading
             if passed_s > self._clock.patience_s(MOVE_S):
                 await self._quiet_stop()
-                raise StalledError(f"gripper: not arrived after {MOVE_S:g} s; look at the jaws")
+                raise StalledError(
+                    say("gripper: not arrived after {move_s:g} s; look at the jaws", move_s=MOVE_S)
+                )
             await self._clock.sleep(POLL_S)
 
     async def _quiet_stop(self) -> None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from enum import IntFlag
 from typing import Final
 
+from messages import say
+
 from ..errors import BadReplyError
 
 COMMAND_REGISTER: Final = 0x0000  # §3.2: force, width, control
@@ -74,6 +76,6 @@ def decode_state(registers: Sequence[int]) -> tuple[Flag, float]:
     """
     status = registers[0]
     if status & ~int(SAFETY | Flag.BUSY | Flag.GRASP):
-        raise BadReplyError(f"no OnRobot RG sends the status {status:04X}")
+        raise BadReplyError(say("no OnRobot RG sends the status {status:04X}", status=status))
     width = registers[-1]
     return Flag(status), (width - 0x10000 if width & 0x8000 else width) / TENTHS

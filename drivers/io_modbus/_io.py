@@ -12,6 +12,8 @@ import math
 from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Final, Self
 
+from messages import key, say
+
 from ..errors import DeviceError, RefusedError, WatchdogOffError, WrongDeviceError
 from ..kinds import Change, Signal
 from ..modbus_link import FunctionCode, ModbusLink, Request, always
@@ -80,7 +82,7 @@ class CellIo:
         link: ModbusLink,
         config: IoConfig | None = None,
         on_change: Observer | None = None,
-        name: str = "I/O block",
+        name: str = key("I/O block"),
     ) -> None:
         self.config = config or IoConfig()
         self.name = name
@@ -93,7 +95,9 @@ class CellIo:
                 Request(FunctionCode.READ_INPUT_REGISTERS, MODEL_REGISTER, 1),
                 Request(FunctionCode.READ_INPUT_REGISTERS, MODEL_REGISTER, 2),
             ),
-            check=f"its power, its network cable, and its unit id {self.config.unit}",
+            check=say(
+                "its power, its network cable, and its unit id {unit}", unit=self.config.unit
+            ),
         )
         self._on_change = on_change
         self._believer = Believer(self.config.inputs)
@@ -145,7 +149,7 @@ class CellIo:
     @property
     def model(self) -> str:
         """The device's name in messages and the journal."""
-        return f"Moxa {self.config.model}"
+        return say("Moxa {model}", model=self.config.model)
 
     async def aclose(self) -> None:
         """End polling; relays stay as they are, signals become unknown."""
@@ -167,19 +171,31 @@ class CellIo:
         ------
         WrongDeviceError : it is another model, or something that names none
         """
-        advice = "check address and unit id, or which device is connected there"
+        advice = key("check address and unit id, or which device is connected there")
         try:
             registers = await self._unit.read_input_registers(MODEL_REGISTER, MODEL_COUNT)
         except RefusedError as error:
             raise WrongDeviceError(
-                f"{self._unit}: expected a Moxa {self.config.model}, found {error}; {advice} "
-                "(its register map may also have been redefined in its web console)"
+                say(
+                    "{unit}: expected a Moxa {model}, found {error}; {advice} (its "
+                    "register map may also have been redefined in its web console)",
+                    unit=self._unit,
+                    model=self.config.model,
+                    error=error,
+                    advice=advice,
+                )
             ) from error
         raw = b"".join(register.to_bytes(2, "big") for register in registers)
         model = raw.split(b"\0")[0].decode("ascii", "replace").strip()
         if self.config.model.lower() not in model.lower():
             raise WrongDeviceError(
-                f"{self._unit}: expected a Moxa {self.config.model}, found {model!r}; {advice}"
+                say(
+                    "{unit}: expected a Moxa {model}, found {model2}; {advice}",
+                    unit=self._unit,
+                    model=self.config.model,
+                    model2=repr(model),
+                    advice=advice,
+                )
             )
         return model
 
@@ -221,7 +237,9 @@ class CellIo:
             async for change in changes:
                 if change.name == name and change.signal is signal:
                     return
-        raise DeviceError(f"{self.name}: closed while waiting for {name}")
+        raise DeviceError(
+            say("{name}: closed while waiting for {name2}", name=self.name, name2=name)
+        )
 
     # --- relays ---
 
@@ -311,9 +329,13 @@ class CellIo:
         await self.set_outputs({MOTOR_RELAY: True}, force=True)
         if not (await self.read_outputs())[MOTOR_RELAY]:
             raise WatchdogOffError(
-                f"{self._unit}: the relay in the motors' supply (output "
-                f"{self._relay_of[MOTOR_RELAY]}) does not close; check the output's mode and the "
-                "safe state in the block's web console"
+                say(
+                    "{unit}: the relay in the motors' supply (output {relay_of}) does "
+                    "not close; check the output's mode and the safe state in the "
+                    "block's web console",
+                    unit=self._unit,
+                    relay_of=self._relay_of[MOTOR_RELAY],
+                )
             )
 
     async def wait_tripped(self) -> None:
@@ -336,18 +358,28 @@ class CellIo:
         await self.clear_watchdog()
         if not await self.fall_silent():
             raise WatchdogOffError(
-                f"{self._unit}: its watchdog has not tripped within "
-                f"{watchdog_s + TRIP_SLACK_S:.1f} s of silence, so a computer that freezes would "
-                "leave its outputs as they are, the arm with its supply and the PLC with old "
-                f"signals; set the host connection watchdog to {watchdog_s:g} s in the block's web "
-                "console, all outputs safe when open, and let nothing else poll the block; or "
-                "leave `motor_relay` and `outputs` out of the cell file"
+                say(
+                    "{unit}: its watchdog has not tripped within {watchdog_s:.1f} s of "
+                    "silence, so a computer that freezes would leave its outputs as "
+                    "they are, the arm with its supply and the PLC with old signals; "
+                    "set the host connection watchdog to {watchdog_s2:g} s in the "
+                    "block's web console, all outputs safe when open, and let nothing "
+                    "else poll the block; or leave `motor_relay` and `outputs` out of "
+                    "the cell file",
+                    unit=self._unit,
+                    watchdog_s=watchdog_s + TRIP_SLACK_S,
+                    watchdog_s2=watchdog_s,
+                )
             )
         still_on = [name for name, is_on in (await self.read_outputs()).items() if is_on]
         if still_on:
             raise WatchdogOffError(
-                f"{self._unit}: its watchdog has left {', '.join(still_on)} on; set the safe state "
-                "of every output to open in the block's web console"
+                say(
+                    "{unit}: its watchdog has left {still_on} on; set the safe state "
+                    "of every output to open in the block's web console",
+                    unit=self._unit,
+                    still_on=", ".join(still_on),
+                )
             )
         await self.restore_motor_supply()
 

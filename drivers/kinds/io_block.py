@@ -6,12 +6,14 @@ from enum import Enum
 from types import TracebackType
 from typing import Protocol, Self
 
+from messages import key
+
 
 class Signal(Enum):
     """The known state of an input. Only OK is OK."""
 
     OK = "ok"  # the input reads 1
-    NOT_OK = "not ok"  # it reads 0: pressed, open, absent, or its wire is broken
+    NOT_OK = key("not ok")  # it reads 0: pressed, open, absent, or its wire is broken
     UNKNOWN = "unknown"  # no fresh reading: treat as NOT_OK, record as different
 
     @property

@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Self
 
+from messages import key, say
+
 from ..errors import DeviceError, RefusedError, WrongDeviceError
 from ..modbus_link import FunctionCode, ModbusLink, Request, always
 from ._registers import (
@@ -19,7 +21,7 @@ from ._registers import (
 )
 
 _SPACING_S: Final = 0.004  # 3.5 characters at 9600 baud
-_CHECK: Final = "its supply, its slave id, RS-485 A and B, baud rate and parity"
+_CHECK: Final = key("its supply, its slave id, RS-485 A and B, baud rate and parity")
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,7 @@ class _Controller:
             Request(FunctionCode.READ_HOLDING_REGISTERS, FIRST_REGISTER, STATE_COUNT),
         )
         self.unit = link.unit(
-            unit, "lamp controller", spacing_s=_SPACING_S, probes=probes, check=_CHECK
+            unit, key("lamp controller"), spacing_s=_SPACING_S, probes=probes, check=_CHECK
         )
         self._state: State | None = None
 
@@ -72,13 +74,22 @@ class _Controller:
             await self.read()
         except RefusedError as error:
             raise WrongDeviceError(
-                f"{self.unit}: expected an LedSC controller, found {error}; check slave id and "
-                "port, or which device is wired there"
+                say(
+                    "{unit}: expected an LedSC controller, found {error}; check slave "
+                    "id and port, or which device is wired there",
+                    unit=self.unit,
+                    error=error,
+                )
             ) from error
         if address != self.unit.unit:
             raise WrongDeviceError(
-                f"{self.unit}: expected an LedSC controller, whose register {ADDRESS_REGISTER} is "
-                f"its slave id; found {address} there"
+                say(
+                    "{unit}: expected an LedSC controller, whose register "
+                    "{address_register} is its slave id; found {address} there",
+                    unit=self.unit,
+                    address_register=ADDRESS_REGISTER,
+                    address=address,
+                )
             )
 
     async def read(self) -> State:
@@ -93,8 +104,13 @@ class _Controller:
         state = decode_state(registers)
         if not 1 <= state.cycle <= MAX_CYCLE:
             raise WrongDeviceError(
-                f"{self.unit}: its PWM cycle is {state.cycle}; channel A has at most {MAX_CYCLE} "
-                f"steps. Write {MAX_CYCLE} to register 6"
+                say(
+                    "{unit}: its PWM cycle is {cycle}; channel A has at most "
+                    "{max_cycle} steps. Write {max_cycle} to register 6",
+                    unit=self.unit,
+                    cycle=state.cycle,
+                    max_cycle=MAX_CYCLE,
+                )
             )
         self._state = state
         return state
@@ -177,7 +193,9 @@ class LedscLights:
     @property
     def model(self) -> str:
         """The device's name in messages and the journal."""
-        return f"{len(self._controllers)} LedSC lamp controllers"
+        return say(
+            "{controllers_count} LedSC lamp controllers", controllers_count=len(self._controllers)
+        )
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
+from messages import key, say
+
 from ..modbus_link import ModbusLink
 from ._config import CHANNEL_COUNT, LampChannel, LightsConfig
 from ._modules import AnalogModule, RelayModule
@@ -90,9 +92,11 @@ class Lights:
     def model(self) -> str:
         """The modules' name in messages and the journal: the version of each, once known."""
         if self._versions is None:
-            return "Waveshare analog output and relays"
+            return key("Waveshare analog output and relays")
         analog, relays = self._versions
-        return f"Waveshare analog output {analog} and relays {relays}"
+        return say(
+            "Waveshare analog output {analog} and relays {relays}", analog=analog, relays=relays
+        )
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -7,13 +7,15 @@ write may or may not have arrived.
 from collections.abc import Sequence
 from typing import Final
 
+from messages import key, say
+
 from ..errors import DeviceError, RefusedError, WrongDeviceError
 from ..modbus_link import FunctionCode, ModbusLink, ModbusUnit, Request, always
 from ._config import CHANNEL_COUNT, MAX_MV
 
 FIRST_CHANNEL: Final = 0x0000
 VERSION_REGISTER: Final = 0x8000  # 0x0064 is V1.00
-_CHECK: Final = "its supply, its slave id, RS-485 A and B, 9600 8N1"
+_CHECK: Final = key("its supply, its slave id, RS-485 A and B, 9600 8N1")
 
 
 def _unit(link: ModbusLink, unit: int, name: str, spacing_s: float, probe: Request) -> ModbusUnit:
@@ -37,7 +39,7 @@ class AnalogModule:
 
     def __init__(self, link: ModbusLink, unit: int, spacing_s: float) -> None:
         probe = Request(FunctionCode.READ_HOLDING_REGISTERS, FIRST_CHANNEL, 2)
-        self.unit = _unit(link, unit, "analog output module", spacing_s, probe)
+        self.unit = _unit(link, unit, key("analog output module"), spacing_s, probe)
         self._known_mv: tuple[int, ...] | None = None
 
     async def identify(self) -> str:
@@ -49,7 +51,10 @@ class AnalogModule:
             raise _wrong(self.unit, "Waveshare Analog Output 8CH (B)", str(error)) from error
         if max(outputs_mv) > MAX_MV:
             # The plain module holds 0..20000 microampere in the same registers.
-            found = f"an output of {max(outputs_mv)}, so perhaps the 0-20 mA module"
+            found = say(
+                "an output of {outputs_mv}, so perhaps the 0-20 mA module",
+                outputs_mv=max(outputs_mv),
+            )
             raise _wrong(self.unit, "Waveshare Analog Output 8CH (B), 0-10 V", found)
         return _version_text(version)
 
@@ -91,7 +96,7 @@ class RelayModule:
 
     def __init__(self, link: ModbusLink, unit: int, spacing_s: float) -> None:
         probe = Request(FunctionCode.READ_COILS, FIRST_CHANNEL, CHANNEL_COUNT)
-        self.unit = _unit(link, unit, "relay module", spacing_s, probe)
+        self.unit = _unit(link, unit, key("relay module"), spacing_s, probe)
         self._known: tuple[bool, ...] | None = None
 
     async def identify(self) -> str:
@@ -124,6 +129,11 @@ class RelayModule:
 
 def _wrong(unit: ModbusUnit, expected: str, found: str) -> DeviceError:
     return WrongDeviceError(
-        f"{unit}: expected a {expected}, found {found}; check slave id and port, or which device "
-        "is wired there"
+        say(
+            "{unit}: expected a {expected}, found {found}; check slave id and "
+            "port, or which device is wired there",
+            unit=unit,
+            expected=expected,
+            found=found,
+        )
     )

@@ -13,6 +13,8 @@ from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from pymodbus.client.base import ModbusBaseClient
 from pymodbus.pdu import ModbusPDU
 
+from messages import key, say
+
 # opening a connection is up to the host: it does not scale with cell time
 CONNECT_TIMEOUT_WALL_S = 3.0
 _NO_TIMEOUT_WALL_S = (
@@ -44,12 +46,16 @@ class TcpAddress:
     returns_ids: bool = True
 
     def __str__(self) -> str:
-        return f"Modbus TCP {self.host}:{self.port}"
+        return say("Modbus TCP {host}:{port}", host=self.host, port=self.port)
 
     @property
     def check(self) -> str:
         """The things to check when it cannot be reached."""
-        return f"check cable, power, the address {self.host} and that port {self.port} is Modbus"
+        return say(
+            "check cable, power, the address {host} and that port {port} is Modbus",
+            host=self.host,
+            port=self.port,
+        )
 
     def client(self, hooks: Hooks) -> ModbusBaseClient:
         """Return an unconnected client; needs a running loop."""
@@ -74,14 +80,16 @@ class RtuOverTcpAddress:
     echoes: bool = False
 
     def __str__(self) -> str:
-        return f"Modbus RTU over TCP {self.host}:{self.port}"
+        return say("Modbus RTU over TCP {host}:{port}", host=self.host, port=self.port)
 
     @property
     def check(self) -> str:
         """The things to check when it cannot be reached."""
-        return (
-            f"check cable, power, the address {self.host} and that port {self.port} passes "
-            "the serial line through unchanged"
+        return say(
+            "check cable, power, the address {host} and that port {port} "
+            "passes the serial line through unchanged",
+            host=self.host,
+            port=self.port,
         )
 
     def client(self, hooks: Hooks) -> ModbusBaseClient:
@@ -112,12 +120,21 @@ class RtuAddress:
     echoes: bool = False
 
     def __str__(self) -> str:
-        return f"Modbus RTU {self.device} at {self.baudrate} 8{self.parity}{self.stopbits}"
+        return say(
+            "Modbus RTU {device} at {baudrate} 8{parity}{stopbits}",
+            device=self.device,
+            baudrate=self.baudrate,
+            parity=self.parity,
+            stopbits=self.stopbits,
+        )
 
     @property
     def check(self) -> str:
         """The things to check when it cannot be opened."""
-        return f"check the USB/RS-485 adapter, the device name {self.device} and its permissions"
+        return say(
+            "check the USB/RS-485 adapter, the device name {device} and its permissions",
+            device=self.device,
+        )
 
     def client(self, hooks: Hooks) -> ModbusBaseClient:
         """Return an unconnected client; needs a running loop."""
@@ -145,10 +162,10 @@ class RtuAddress:
         except OSError as error:
             return os.strerror(error.errno or 0)
         if not stat.S_ISCHR(mode):
-            return "not a character device"
+            return key("not a character device")
         if not os.access(self.device, os.R_OK | os.W_OK):
-            return "permission denied"
-        return "another program holds it, or the line settings are refused"
+            return key("permission denied")
+        return key("another program holds it, or the line settings are refused")
 
 
 Address = TcpAddress | RtuAddress | RtuOverTcpAddress
@@ -176,8 +193,11 @@ async def _why_no_connection(host: str, port: int) -> str:
         async with asyncio.timeout(CONNECT_TIMEOUT_WALL_S):
             _reader, writer = await asyncio.open_connection(host, port)
     except TimeoutError:
-        return f"no answer within {CONNECT_TIMEOUT_WALL_S:g} s"
+        return say(
+            "no answer within {connect_timeout_wall_s:g} s",
+            connect_timeout_wall_s=CONNECT_TIMEOUT_WALL_S,
+        )
     except OSError as error:
         return os.strerror(error.errno) if error.errno and error.errno > 0 else str(error)
     writer.close()
-    return "it answers now, but did not a moment ago"
+    return key("it answers now, but did not a moment ago")

@@ -13,6 +13,8 @@ from contextlib import suppress
 from pymodbus.exceptions import ConnectionException, ModbusIOException
 from pymodbus.pdu import ModbusPDU
 
+from messages import say
+
 from ..clock import CellClock
 from ..wires import LineTap
 from ._address import CONNECT_TIMEOUT_WALL_S, Address, Hooks, TcpAddress
@@ -68,7 +70,7 @@ class Connection:
         except TimeoutError:
             pass
         except (termios.error, ValueError) as error:  # parity or baud rate the line cannot do
-            return f"the line refuses the settings ({error})"
+            return say("the line refuses the settings ({error})", error=error)
         finally:
             await asyncio.sleep(0)  # a serial transport starts reading one turn later
         return await self._address.why_not()

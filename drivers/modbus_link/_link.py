@@ -17,6 +17,8 @@ from typing import Final, Self
 
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 
+from messages import key, say
+
 from ..clock import REAL_TIME, CellClock
 from ..errors import (
     BadReplyError,
@@ -45,8 +47,8 @@ OVERDUE_TIMEOUTS: Final = 10.0  # reply time-outs after which no answer comes an
 RESYNC_TRIES: Final = 3
 BLIND_SPACING_WALL_S: Final = 0.02  # spacing from the last frame, ours or the late link's
 GATEWAY_SILENCE: Final = {
-    0x0A: "no path to it",
-    0x0B: "it did not answer the gateway",
+    0x0A: key("no path to it"),
+    0x0B: key("it did not answer the gateway"),
 }  # Modbus application protocol V1.1b3, 7
 LATER: Final = {
     0x05: "it is still at work on it",
@@ -149,7 +151,7 @@ class ModbusLink:
         *,
         spacing_s: float = 0.0,
         probes: tuple[Request, ...] = (),
-        check: str = "its power, its unit id and its wiring",
+        check: str = key("its power, its unit id and its wiring"),
     ) -> ModbusUnit:
         """Return the handle of one device.
 
@@ -235,7 +237,7 @@ class ModbusLink:
         later leaves at once, but the line stays taken until the answer is in: otherwise the next
         request, most likely a stop, would have to wait for a resynchronisation.
         """
-        what = f"unit {turn.who.unit} {turn.request}"
+        what = say("unit {unit} {request}", unit=turn.who.unit, request=turn.request)
         if self._tap is not None:
             await self._tap.turn(what)
         await self._lock.acquire()
@@ -287,8 +289,15 @@ class ModbusLink:
         except Lost:
             await self._drop()
             raise UnpluggedError(
-                f"{who.name}: the connection to {self.address} ended before unit {who.unit} "
-                f"answered {request}; {self.address.check}"
+                say(
+                    "{name}: the connection to {address} ended before unit {unit} "
+                    "answered {request}; {check}",
+                    name=who.name,
+                    address=self.address,
+                    unit=who.unit,
+                    request=request,
+                    check=self.address.check,
+                )
             ) from None
         finally:
             now_s = self.clock.now_s()
@@ -298,9 +307,18 @@ class ModbusLink:
         if request.is_answered_by(reply):
             memory.owed = [owed for owed in memory.owed if owed[0] is not request]
             return reply
-        message = f"{who.name}: unit {who.unit} at {self.address} was sent {request}, got {reply}"
+        message = say(
+            "{name}: unit {unit} at {address} was sent {request}, got {reply}",
+            name=who.name,
+            unit=who.unit,
+            address=self.address,
+            request=request,
+            reply=reply,
+        )
         if self._has_no_numbers:
-            raise _LateReplyError(f"{message}, the late answer to something earlier")
+            raise _LateReplyError(
+                say("{message}, the late answer to something earlier", message=message)
+            )
         raise BadReplyError(message)
 
     async def _resync(self, connection: Connection, memory: _Memory, turn: _Turn) -> None:
@@ -334,8 +352,14 @@ class ModbusLink:
             memory.owed.clear()
             return
         raise ReplyTimeoutError(
-            f"{who.name}: unit {who.unit} at {self.address} keeps answering earlier requests; "
-            "look for a second master on the line or a gateway that stores requests"
+            say(
+                "{name}: unit {unit} at {address} keeps answering earlier "
+                "requests; look for a second master on the line or a gateway that "
+                "stores requests",
+                name=who.name,
+                unit=who.unit,
+                address=self.address,
+            )
         )
 
     async def _quiet(self, connection: Connection, memory: _Memory) -> None:
@@ -357,9 +381,20 @@ class ModbusLink:
         is_tcp = isinstance(self.address, TcpAddress)
         seen, check = seen_instead(what.sent, what.received, is_tcp=is_tcp)
         return ReplyTimeoutError(
-            f"{who.name}: no answer from unit {who.unit} at {self.address} within "
-            f"{self.reply_timeout_s:g} s to {request}"
-            + (f"; {seen}; check {check}" if seen else f"; check {who.check}")
+            say(
+                "{name}: no answer from unit {unit} at {address} within "
+                "{reply_timeout_s:g} s to {request}",
+                name=who.name,
+                unit=who.unit,
+                address=self.address,
+                reply_timeout_s=self.reply_timeout_s,
+                request=request,
+            )
+            + (
+                say("; {seen}; check {check}", seen=seen, check=check)
+                if seen
+                else say("; check {check}", check=who.check)
+            )
         )
 
     def _refusal(
@@ -367,25 +402,49 @@ class ModbusLink:
     ) -> RefusedError | ReplyTimeoutError:
         if code in GATEWAY_SILENCE:
             return ReplyTimeoutError(
-                f"{who.name}: the gateway at {self.address} cannot reach unit {who.unit}: "
-                f"{GATEWAY_SILENCE[code]} (exception {code:02X} to {request}); check {who.check}"
+                say(
+                    "{name}: the gateway at {address} cannot reach unit {unit}: "
+                    "{gateway_silence} (exception {code:02X} to {request}); check "
+                    "{check}",
+                    name=who.name,
+                    address=self.address,
+                    unit=who.unit,
+                    gateway_silence=GATEWAY_SILENCE[code],
+                    code=code,
+                    request=request,
+                    check=who.check,
+                )
             )
         if code in LATER:
             return LaterError(
-                f"{who.name}: unit {who.unit} at {self.address} answered {request} with "
-                f"`later`: {LATER[code]} (exception {code:02X}); check for a second master, or "
-                "give it longer (`reply_s` of this device)"
+                say(
+                    "{name}: unit {unit} at {address} answered {request} with `later`: "
+                    "{later} (exception {code:02X}); check for a second master, or "
+                    "give it longer (`reply_s` of this device)",
+                    name=who.name,
+                    unit=who.unit,
+                    address=self.address,
+                    request=request,
+                    later=LATER[code],
+                    code=code,
+                )
             )
         return RefusedError(
-            f"{who.name}: unit {who.unit} at {self.address} refused {request} "
-            f"with exception {code:02X}",
+            say(
+                "{name}: unit {unit} at {address} refused {request} with exception {code:02X}",
+                name=who.name,
+                unit=who.unit,
+                address=self.address,
+                request=request,
+                code=code,
+            ),
             code,
         )
 
     async def _opened(self) -> Connection:
         """Return an open connection, opening it if back-off allows. Call with the lock held."""
         if self._is_closed:
-            raise LinkError(f"{self.address}: this link has been closed")
+            raise LinkError(say("{address}: this link has been closed", address=self.address))
         if self._connection is not None:
             if self._connection.is_open:
                 return self._connection
@@ -393,8 +452,14 @@ class ModbusLink:
         now_s = self.clock.now_s()
         if now_s < self._next_try_at_s:
             raise LinkError(
-                f"{self.address}: not connected ({self._reason}), next try in "
-                f"{self._next_try_at_s - now_s:.1f} s; {self.address.check}"
+                say(
+                    "{address}: not connected ({reason}), next try in "
+                    "{next_try_at_s:.1f} s; {check}",
+                    address=self.address,
+                    reason=self._reason,
+                    next_try_at_s=self._next_try_at_s - now_s,
+                    check=self.address.check,
+                )
             )
         connection = Connection(self.address, self._trace, self._tap)
         try:
@@ -409,7 +474,14 @@ class ModbusLink:
             self._reason = reason
             self._next_try_at_s = self.clock.now_s() + self._back_off_s
             self._back_off_s = min(2 * self._back_off_s, BACK_OFF_MAX_S)
-            raise LinkError(f"{self.address}: cannot connect: {reason}; {self.address.check}")
+            raise LinkError(
+                say(
+                    "{address}: cannot connect: {reason}; {check}",
+                    address=self.address,
+                    reason=reason,
+                    check=self.address.check,
+                )
+            )
         if self._was_connected:
             log.warning("%s: connected again", self.address)
         self._was_connected = True
@@ -454,7 +526,12 @@ class ModbusUnit:
             raise ValueError(f"{self.name}: unit must be 1..255, not {self.unit}")
 
     def __str__(self) -> str:
-        return f"{self.name} (unit {self.unit} at {self.link.address})"
+        return say(
+            "{name} (unit {unit} at {address})",
+            name=self.name,
+            unit=self.unit,
+            address=self.link.address,
+        )
 
     def blind_write(self, register: int, value: int) -> BlindStop:
         """Return a write of one register (FC06), for the supervisor to send.

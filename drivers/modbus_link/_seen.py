@@ -6,6 +6,8 @@ does not hide it.
 
 from typing import Final
 
+from messages import key, say
+
 from ._framing import MAX_RTU_SIZE, MBAP_SIZE, MIN_RTU_SIZE, crc16
 
 _EXCEPTION: Final = 0x80
@@ -36,47 +38,61 @@ def seen_instead(sent: bytes, received: bytes, *, is_tcp: bool) -> tuple[str, st
         return "", ""
     hex_of = received[:32].hex(" ") + (" ..." if len(received) > 32 else "")
     found = _seen_on_tcp(sent, received) if is_tcp else _seen_on_rtu(sent, received)
-    return f"{found[0]} ({hex_of})", found[1]
+    return say("{found} ({hex_of})", found=found[0], hex_of=hex_of), found[1]
 
 
 def _seen_on_tcp(sent: bytes, received: bytes) -> tuple[str, str]:
     if len(received) <= MBAP_SIZE:
-        return "only part of a header came", "the network, or the gateway"
+        return key("only part of a header came"), key("the network, or the gateway")
     numbers = [int.from_bytes(frame[:2], "big") for frame in (sent, received)]
-    ids = "; `returns_ids: false` of this device in the cell file accepts a gateway's own"
+    ids = key("; `returns_ids: false` of this device in the cell file accepts a gateway's own")
     if numbers[0] != numbers[1]:
         return (
-            f"an answer with transaction number {numbers[1]} instead of {numbers[0]} came",
-            f"the gateway{ids}",
+            say(
+                "an answer with transaction number {numbers} instead of {numbers2} came",
+                numbers=numbers[1],
+                numbers2=numbers[0],
+            ),
+            say("the gateway{ids}", ids=ids),
         )
     if received[6] != sent[6]:
-        return f"an answer of unit {received[6]} came", f"the unit id, or the gateway{ids}"
-    return "bytes came that are no answer to it", "that this port is Modbus TCP"
+        return say("an answer of unit {received} came", received=received[6]), say(
+            "the unit id, or the gateway{ids}", ids=ids
+        )
+    return key("bytes came that are no answer to it"), key("that this port is Modbus TCP")
 
 
 def _seen_on_rtu(sent: bytes, received: bytes) -> tuple[str, str]:
     if received.startswith(sent):
         rest = received[len(sent) :]
-        after = "and then an answer" if _rtu_frame_in(rest) else "and nothing usable after it"
+        after = (
+            key("and then an answer") if _rtu_frame_in(rest) else key("and nothing usable after it")
+        )
         return (
-            f"the line echoes what is sent, {after}",
-            "the adapter: switch its local echo off, or set `echo: true` of this device in the "
-            "cell file",
+            say("the line echoes what is sent, {after}", after=after),
+            key(
+                "the adapter: switch its local echo off, or set `echo: true` of this device in the "
+                "cell file"
+            ),
         )
     found = _rtu_frame_in(received)
     if found is None:
         return (
-            "bytes came that are no frame, by their checksum",
-            "baud rate and parity, termination, RS-485 A and B",
+            key("bytes came that are no frame, by their checksum"),
+            key("baud rate and parity, termination, RS-485 A and B"),
         )
     begin, frame = found
     if frame[0] != sent[0]:
-        return f"an answer of unit {frame[0]} came", "the slave id, and for a second master"
+        return say("an answer of unit {frame} came", frame=frame[0]), key(
+            "the slave id, and for a second master"
+        )
     if begin:
         return (
-            f"an answer came behind {begin} odd byte(s)",
-            "bias and termination resistors of the RS-485 line",
+            say("an answer came behind {begin} odd byte(s)", begin=begin),
+            key("bias and termination resistors of the RS-485 line"),
         )
     if frame[1] & ~_EXCEPTION != sent[1]:
-        return f"an answer to function {frame[1]:02x} came", "for a second master on the line"
+        return say("an answer to function {frame:02x} came", frame=frame[1]), key(
+            "for a second master on the line"
+        )
     return "an answer of another size came", "which device has this slave id"

@@ -7,6 +7,8 @@ import numpy as np
 import simplejpeg
 from numpy.typing import NDArray
 
+from messages import key, say
+
 from ._header import JPEG_BEGIN, size_in_header
 from ._whole import BrokenPictureError, check_whole
 
@@ -42,11 +44,16 @@ def decode(data: bytes, pixels: Pixels) -> NDArray[Any]:
     """
     size = size_in_header(data)
     if size is None or not min(size):
-        raise BrokenPictureError("is not a readable picture (PNG, JPEG, TIFF, BMP, PGM, WebP)")
+        raise BrokenPictureError(key("is not a readable picture (PNG, JPEG, TIFF, BMP, PGM, WebP)"))
     width, height = size
     if width * height > MAX_PIXELS:
         raise BrokenPictureError(
-            f"{width} x {height} px; a camera's picture has at most {MAX_PIXELS / 1e6:.0f} million"
+            say(
+                "{width} x {height} px; a camera's picture has at most {max_pixels:.0f} million",
+                width=width,
+                height=height,
+                max_pixels=MAX_PIXELS / 1e6,
+            )
         )
     if data.startswith(JPEG_BEGIN):
         return _decode_jpeg(data, pixels)
@@ -62,7 +69,9 @@ def decode(data: bytes, pixels: Pixels) -> NDArray[Any]:
     finally:
         logging.setLogLevel(level)
     if image is None or image.shape[:2] != (height, width):
-        raise BrokenPictureError("is cut off or damaged, or not a readable picture of its format")
+        raise BrokenPictureError(
+            key("is cut off or damaged, or not a readable picture of its format")
+        )
     return np.asarray(image)
 
 
@@ -72,5 +81,7 @@ def _decode_jpeg(data: bytes, pixels: Pixels) -> NDArray[np.uint8]:
         wanted = "GRAY" if pixels == "grey" or stored_as == "Gray" else "BGR"
         image = simplejpeg.decode_jpeg(data, colorspace=wanted, strict=True)
     except (ValueError, KeyError) as error:  # KeyError: a colour space that it does not know
-        raise BrokenPictureError(f"is cut off or damaged: a JPEG with {error}") from error
+        raise BrokenPictureError(
+            say("is cut off or damaged: a JPEG with {error}", error=error)
+        ) from error
     return np.asarray(image[..., 0] if wanted == "GRAY" else image, np.uint8)

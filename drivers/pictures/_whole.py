@@ -11,6 +11,8 @@ import zlib
 from collections.abc import Callable
 from typing import Final
 
+from messages import key, say
+
 from ._header import NETPBM, PNG_BEGIN, TIFF_HEIGHT, TIFF_WIDTH, size_in_header, tiff_fields
 
 # bits a pixel by colour type: ISO/IEC 15948, 11.2.2 (channels times the bit depth)
@@ -38,7 +40,7 @@ def check_whole(data: bytes) -> None:
     try:
         _checker(data)(data)
     except (struct.error, IndexError, KeyError, zlib.error) as error:
-        raise BrokenPictureError(f"is cut off or damaged ({error})") from error
+        raise BrokenPictureError(say("is cut off or damaged ({error})", error=error)) from error
 
 
 def _checker(data: bytes) -> Callable[[bytes], None]:
@@ -53,7 +55,14 @@ def _checker(data: bytes) -> Callable[[bytes], None]:
 
 def _expect(there: int, needed: int, what: str) -> None:
     if there < needed:
-        raise BrokenPictureError(f"is cut off or damaged: {what} {there} bytes of {needed}")
+        raise BrokenPictureError(
+            say(
+                "is cut off or damaged: {what} {there} bytes of {needed}",
+                what=what,
+                there=there,
+                needed=needed,
+            )
+        )
 
 
 def _check_png(data: bytes) -> None:
@@ -65,7 +74,10 @@ def _check_png(data: bytes) -> None:
         (checksum,) = struct.unpack_from(">I", data, end)
         if zlib.crc32(data[at + 4 : end]) != checksum:
             raise BrokenPictureError(
-                f"is cut off or damaged: the checksum of the PNG chunk at byte {at} is wrong"
+                say(
+                    "is cut off or damaged: the checksum of the PNG chunk at byte {at} is wrong",
+                    at=at,
+                )
             )
         if name == b"IDAT":
             packed += data[at + 8 : end]
@@ -78,7 +90,11 @@ def _check_png(data: bytes) -> None:
         rest = unpacking.unconsumed_tail
     if not unpacking.eof or (not interlace and got != needed):
         raise BrokenPictureError(
-            f"is cut off or damaged: its pixels unpack to {got} bytes of {needed}"
+            say(
+                "is cut off or damaged: its pixels unpack to {got} bytes of {needed}",
+                got=got,
+                needed=needed,
+            )
         )
 
 
@@ -91,7 +107,7 @@ def _check_bmp(data: bytes) -> None:
     else:
         bits, compression = struct.unpack_from("<HI", data, 28)
     if compression not in _BMP_RAW:
-        raise BrokenPictureError("is a compressed BMP; store it as PNG")
+        raise BrokenPictureError(key("is a compressed BMP; store it as PNG"))
     _expect(len(data) - first, (size[0] * bits + 31) // 32 * 4 * size[1], "BMP pixels take")
 
 
@@ -111,14 +127,16 @@ def _check_netpbm(data: bytes) -> None:
         # those of a PBM need no blanks between them; the others' first number is the largest level
         there = sum(digits) if kind == b"1" else sum(1 for _ in digits) - 1
         if there < count:
-            raise BrokenPictureError(f"is cut off or damaged: {there} levels of {count}")
+            raise BrokenPictureError(
+                say("is cut off or damaged: {there} levels of {count}", there=there, count=count)
+            )
         return
     if kind == b"4":
         _expect(len(data) - match.end(), (int(match[1]) + 7) // 8 * int(match[2]), "PBM rows take")
         return
     largest = re.compile(rb"(?:\s|#[^\n]*\n)*(\d+)\s").match(data, match.end() - 1)
     if largest is None:
-        raise BrokenPictureError("is cut off or damaged: no largest level in its header")
+        raise BrokenPictureError(key("is cut off or damaged: no largest level in its header"))
     count *= 2 if int(largest[1]) > 255 else 1
     _expect(len(data) - largest.end(), count, "PGM or PPM levels take")
 
@@ -126,14 +144,16 @@ def _check_netpbm(data: bytes) -> None:
 def _check_tiff(data: bytes) -> None:
     fields: dict[int, tuple[int, ...]] = {}
     for tag, form, place in tiff_fields(data):
-        _expect(len(data) - place, struct.calcsize(form), f"TIFF field {tag} takes")
+        _expect(len(data) - place, struct.calcsize(form), say("TIFF field {tag} takes", tag=tag))
         fields[tag] = struct.unpack_from(form, data, place)
     stored = 0
     for offsets, lengths in _TIFF_PLACES:
         if len(fields.get(offsets, ())) != len(fields.get(lengths, ())):
-            raise BrokenPictureError("is cut off or damaged: a TIFF with strips of no length")
+            raise BrokenPictureError(key("is cut off or damaged: a TIFF with strips of no length"))
         for begin, length in zip(fields.get(offsets, ()), fields.get(lengths, ()), strict=True):
-            _expect(len(data) - begin, length, f"the TIFF strip at byte {begin} has")
+            _expect(
+                len(data) - begin, length, say("the TIFF strip at byte {begin} has", begin=begin)
+            )
             stored += length
     needed = 1
     if fields.get(_TIFF_COMPRESSION, (_TIFF_UNCOMPRESSED,))[0] == _TIFF_UNCOMPRESSED:

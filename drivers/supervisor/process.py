@@ -21,6 +21,8 @@ from typing import Final
 
 from drivers._shared_time import SharedTime
 from drivers.errors import LinkError
+from messages import joined, key, say
+from messages.form import with_said
 
 from .words import BLIND_BEATS, MISSED_BEATS, BlindLook, BlindStop, Orders
 
@@ -78,7 +80,7 @@ class Supervisor:
             if state == "bye":
                 return
             if state == "gone":
-                self._strike("the controller has ended without coming to rest")
+                self._strike(key("the controller has ended without coming to rest"))
                 return
             # orders may have named the cell's clock meanwhile: `now_s` is none of its instants then
             if self._beat_s is not None and not self._has_struck and self._shared is shared:
@@ -158,16 +160,31 @@ class Supervisor:
     def _judge(self, missed_s: float) -> None:
         """Stop the cell if its controller has missed too much."""
         beats = missed_s / self._orders.beat_s
-        since = f"the controller has shown no sign of life for {missed_s:.2f} s of the cell's time"
+        since = say(
+            "the controller has shown no sign of life for {missed_s:.2f} s of the cell's time",
+            missed_s=missed_s,
+        )
         if beats > MISSED_BEATS:
             self._strike(since)
         elif beats > BLIND_BEATS:
             if self._signal_name:
-                self._strike(f"{since}, and {self._signal_name} was sent to it")
+                self._strike(
+                    say(
+                        "{since}, and {signal_name} was sent to it",
+                        since=since,
+                        signal_name=self._signal_name,
+                    )
+                )
             elif call := self._take_calls():
-                self._strike(f"{since}, and `{call}` was asked of it")
+                self._strike(say("{since}, and `{call}` was asked of it", since=since, call=call))
             elif bad := next((eye.name for eye in self._eyes if not eye.is_well()), None):
-                self._strike(f"{since}, and {bad} reports an open door or an emergency stop")
+                self._strike(
+                    say(
+                        "{since}, and {bad} reports an open door or an emergency stop",
+                        since=since,
+                        bad=bad,
+                    )
+                )
 
     def _strike(self, why: str) -> None:
         """Send every stop, serial lines first, and report it."""
@@ -180,9 +197,14 @@ class Supervisor:
                 _send(stop)
             except OSError as error:
                 unsent.append(f"{stop.name} ({error.strerror or error})")
-        names = ", ".join(one.name for one in self._orders.stops)
-        missed = f"; not sent to {', '.join(unsent)}" if unsent else ""
-        sentence = f"the supervisor has sent a stop to {names}{missed}: {why}"
+        names = joined(", ", (one.name for one in self._orders.stops))
+        missed = say("; not sent to {unsent}", unsent=", ".join(unsent)) if unsent else ""
+        sentence = say(
+            "the supervisor has sent a stop to {names}{missed}: {why}",
+            names=names,
+            missed=missed,
+            why=why,
+        )
         self._say({"struck": sentence})
         ready = select.poll()
         ready.register(2, select.POLLOUT)
@@ -192,7 +214,7 @@ class Supervisor:
 
     def _say(self, body: dict[str, object]) -> None:
         with suppress(OSError):
-            self._control.send(json.dumps(body).encode(), socket.MSG_DONTWAIT)
+            self._control.send(json.dumps(with_said(body)).encode(), socket.MSG_DONTWAIT)
 
 
 class _Eye:

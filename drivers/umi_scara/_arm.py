@@ -18,6 +18,7 @@ from drivers.errors import PositionLostError
 from drivers.kinds import Confirm, JawReading, MotorTry, Stop
 from drivers.supervisor import BlindStop
 from drivers.wires import LineTap
+from messages import key, say
 
 from ._config import ArmConfig, check_speeds
 from ._jaws import Jaws
@@ -313,7 +314,9 @@ class UmiScara:
         self._session.require_connected()
         identity = self.identity
         if identity is None or identity.was_restarted:
-            raise PositionLostError("arm: an IP has restarted: its positions are lost; home it")
+            raise PositionLostError(
+                key("arm: an IP has restarted: its positions are lost; home it")
+            )
         ends = self._ends(between)
         counts = await self.axes.read_actuals(Axis)
         why = judge_kept_counters(ends, counts)
@@ -322,7 +325,7 @@ class UmiScara:
             again = await self.axes.read_actuals(Axis)
             why = judge_kept_counters(ends, again)
         if why:
-            raise PositionLostError(f"arm: {why}: positions are not known; home it")
+            raise PositionLostError(say("arm: {why}: positions are not known; home it", why=why))
         bits = await self.axes.status(Axis.GRIPPER)
         await self._read_dead_bands()
         self._mover.play.forget()

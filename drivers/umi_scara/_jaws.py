@@ -6,6 +6,7 @@ Sections (§) are those of umi_rtx.md.
 from typing import Final
 
 from drivers.kinds import JawReading
+from messages import key, say
 
 from ._config import ArmConfig
 from ._session import ArmSession
@@ -109,7 +110,7 @@ class Jaws:
                     break
                 if axes.clock.attended_s() > until_s:
                     await self._session.halt_quietly()
-                    raise AxisStalledError(gripper, before, counts, "does not come to rest")
+                    raise AxisStalledError(gripper, before, counts, key("does not come to rest"))
                 await axes.pause()
             await axes.manual_go(ip, {}, guard)
         return went_mm
@@ -128,10 +129,10 @@ class Jaws:
             if still_poll_count >= _STILL_POLL_COUNT and not bits & StatusBits.MOVING:
                 if bits & c.FAULT_BITS:
                     return counts
-                why = "rests against nothing (is motor power on?)"
+                why = key("rests against nothing (is motor power on?)")
                 break
             if axes.clock.attended_s() > until_s:
-                why = f"still closes after {deadline_s:.1f} s"
+                why = say("still closes after {deadline_s:.1f} s", deadline_s=deadline_s)
                 break
             await axes.pause()
         await self._session.halt_quietly()

@@ -15,6 +15,7 @@ from drivers.errors import DeviceError, LinkError, PositionLostError, SilentLine
 from drivers.kinds import Stop
 from drivers.tasks import run_to_end
 from drivers.wires import LineTap
+from messages import key
 
 from .line import (
     Guard,
@@ -174,7 +175,7 @@ class ArmSession:
         LinkError : not connected
         """
         if self._axes_or_none is None:
-            raise LinkError("arm: not connected")
+            raise LinkError(key("arm: not connected"))
         return self._axes_or_none
 
     def require_connected(self) -> None:
@@ -185,7 +186,7 @@ class ArmSession:
         PositionLostError : one has
         """
         if self._identity is None and self._axes_or_none is not None:
-            raise PositionLostError("arm: an IP has restarted; connect, enable power and home")
+            raise PositionLostError(key("arm: an IP has restarted; connect, enable power and home"))
 
     def _lose_position(self) -> None:
         if self.positions.is_homed:
@@ -211,7 +212,7 @@ class ArmSession:
         PositionLostError : they do not
         """
         if not self.positions.is_homed:
-            raise PositionLostError("arm: not homed, so that no position of it is known")
+            raise PositionLostError(key("arm: not homed, so that no position of it is known"))
 
     async def enable_power(self) -> None:
         """Allow motor power on both IPs (`27`, §1.6 step 9): only once people agree to motion."""
@@ -256,7 +257,9 @@ class ArmSession:
                 return await verb()
             except LineUncertainError as error:
                 if self._stop_count != stop_count:
-                    raise MotionStoppedError("arm: the motion was stopped on request") from error
+                    raise MotionStoppedError(
+                        key("arm: the motion was stopped on request")
+                    ) from error
                 log.warning("begun again: %s", error)
         return await verb()
 
@@ -277,16 +280,18 @@ class ArmSession:
 
         def guard() -> None:
             if self._stop_count != stop_count:
-                raise MotionStoppedError("arm: the motion was stopped on request")
+                raise MotionStoppedError(key("arm: the motion was stopped on request"))
             if self._uncertain_count != uncertain_count:
-                raise LineUncertainError("arm: the line is uncertain; both boards were stopped")
+                raise LineUncertainError(
+                    key("arm: the line is uncertain; both boards were stopped")
+                )
 
         async with self._one_motion:
             uncertain_count = self._uncertain_count
             guard()
             if not self._is_powered:
                 self.require_connected()
-                raise PowerOffError("arm: motor power is off: enable it first")
+                raise PowerOffError(key("arm: motor power is off: enable it first"))
             if needs_home:
                 self.require_homed()
             self._jaws_found = StatusBits(0)

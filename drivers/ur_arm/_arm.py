@@ -14,6 +14,7 @@ from drivers.clock import REAL_TIME, CellClock
 from drivers.errors import PositionLostError, StalledError
 from drivers.kinds import JawReading, Stop
 from drivers.supervisor import BlindStop
+from messages import key, say
 
 from ._config import ControllerAddress, UrSettings
 from ._errors import OutOfRangeError
@@ -134,13 +135,19 @@ class UrArm:
     def model(self) -> str:
         """The arm's name in messages and the journal."""
         identity = self.identity
-        name = f"Universal Robots {self._model.name.upper().replace('E', 'e')}"
-        return name if identity is None else f"{name}, {self._jaws.model}"
+        name = say("Universal Robots {name}", name=self._model.name.upper().replace("E", "e"))
+        return (
+            name if identity is None else say("{name}, {model}", name=name, model=self._jaws.model)
+        )
 
     @property
     def firmware(self) -> str:
         """The controller's software, once connected."""
-        return "" if self.identity is None else f"PolyScope {self.identity.polyscope}"
+        return (
+            ""
+            if self.identity is None
+            else say("PolyScope {polyscope}", polyscope=self.identity.polyscope)
+        )
 
     @property
     def max_opening_mm(self) -> float:
@@ -191,11 +198,15 @@ class UrArm:
         if off.max() > KEPT_RAD:
             joint = self._model.joint_names[int(np.argmax(off))].removesuffix("_rad")
             raise PositionLostError(
-                f"arm: {joint} stands {np.degrees(off.max()):.1f} deg beside where it was last "
-                "sent: somebody moved it"
+                say(
+                    "arm: {joint} stands {degrees:.1f} deg beside where it was last "
+                    "sent: somebody moved it",
+                    joint=joint,
+                    degrees=np.degrees(off.max()),
+                )
             )
         if not (await self._session.read_jaws()).is_activated:
-            raise PositionLostError("arm: its gripper has been without power")
+            raise PositionLostError(key("arm: its gripper has been without power"))
 
     async def read_kept_q(self, between: ArrayLike) -> NDArray[np.float64]:
         """Return the joints (6,): their encoders are absolute.
@@ -230,20 +241,27 @@ class UrArm:
             jaws = await self._session.read_jaws()
             if not jaws.is_activated:
                 raise PositionLostError(
-                    "arm: its gripper has been without power, and activation would open it: take "
-                    "the part out with `cellctl recover --open arm`, or by hand"
+                    key(
+                        "arm: its gripper has been without power, and activation would open "
+                        "it: take "
+                        "the part out with `cellctl recover --open arm`, or by hand"
+                    )
                 )
             if opening_mm is not None and jaws.opening_mm > opening_mm + JAWS_MM:
                 raise PositionLostError(
-                    f"arm: its jaws stand at {jaws.opening_mm:.1f} mm, {opening_mm:.1f} mm when "
-                    "they pressed: somebody moved them"
+                    say(
+                        "arm: its jaws stand at {opening_mm:.1f} mm, {opening_mm2:.1f} mm "
+                        "when they pressed: somebody moved them",
+                        opening_mm=jaws.opening_mm,
+                        opening_mm2=opening_mm,
+                    )
                 )
             return (await self._jaws.close(self._jaws.force_range_n[0], 1.0)).opening_mm
 
     async def _known(self) -> UrState:
         state = await self._session.state()
         if state.robot_mode < RobotMode.IDLE:
-            raise PositionLostError("arm: switched off, so that its encoders are not read")
+            raise PositionLostError(key("arm: switched off, so that its encoders are not read"))
         return state
 
     async def read_q(self) -> NDArray[np.float64]:
@@ -254,7 +272,7 @@ class UrArm:
         PositionLostError : switched off, or not homed
         """
         if not self.is_homed:
-            raise PositionLostError("arm: not homed: its gripper is not active")
+            raise PositionLostError(key("arm: not homed: its gripper is not active"))
         return (await self._known()).q
 
     async def move_joints(self, q: ArrayLike, *, speed_share: float = 1.0) -> None:
@@ -316,14 +334,23 @@ class UrArm:
         """
         if not 0.0 <= opening_mm <= self.max_opening_mm:
             raise OutOfRangeError(
-                f"arm gripper: 0 to {self.max_opening_mm:.1f} mm, not {opening_mm:.1f} mm"
+                say(
+                    "arm gripper: 0 to {max_opening_mm:.1f} mm, not {opening_mm:.1f} mm",
+                    max_opening_mm=self.max_opening_mm,
+                    opening_mm=opening_mm,
+                )
             )
         async with self._session.motion():
             reached_mm = (await self._jaws.move_to(opening_mm)).opening_mm
             if abs(reached_mm - opening_mm) > ARRIVED_MM:
                 raise StalledError(
-                    f"arm gripper: the jaws met an obstacle at {reached_mm:.1f} mm while moving to "
-                    f"{opening_mm:.1f} mm; see what is between or beside them"
+                    say(
+                        "arm gripper: the jaws met an obstacle at {reached_mm:.1f} mm "
+                        "while moving to {opening_mm:.1f} mm; see what is between or "
+                        "beside them",
+                        reached_mm=reached_mm,
+                        opening_mm=opening_mm,
+                    )
                 )
             return reached_mm
 
@@ -341,7 +368,7 @@ class UrArm:
         require_no_alarm(await self._session.state())
         jaws = await self._session.read_jaws()
         if not jaws.is_activated:
-            raise PositionLostError("arm: its gripper has been without power; home it")
+            raise PositionLostError(key("arm: its gripper has been without power; home it"))
         return jaws.opening_mm
 
     async def read_jaws(self) -> JawReading:
@@ -368,6 +395,9 @@ class UrArm:
     def _require_active(jaws: JawState) -> None:
         if not jaws.is_activated:
             raise PositionLostError(
-                "arm: its gripper has been without power, and activation would open and close it: "
-                "take out by hand what it holds, then home the arm"
+                key(
+                    "arm: its gripper has been without power, and activation would open and "
+                    "close it: "
+                    "take out by hand what it holds, then home the arm"
+                )
             )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import ArmStalledError, RefusedError
+from messages import key, say
 
 from ._errors import OutOfRangeError
 from ._session import STILL_RAD_S, Guard, UrSession, is_playing, require_safe
@@ -38,9 +39,9 @@ def check_target(model: UrModel, q: NDArray[np.float64]) -> None:
     OutOfRangeError : not six finite numbers, or beyond a joint's range
     """
     if q.shape != (6,) or not np.isfinite(q).all():
-        raise OutOfRangeError(f"arm: joints are six finite numbers, not {q}")
+        raise OutOfRangeError(say("arm: joints are six finite numbers, not {q}", q=q))
     if not model.within_limits(q):
-        raise OutOfRangeError(f"arm: {model.limit_report(q)}")
+        raise OutOfRangeError(say("arm: {limit_report}", limit_report=model.limit_report(q)))
 
 
 async def move(
@@ -112,7 +113,10 @@ class _Watch:
         require_safe(state)
         if is_held:
             raise ArmStalledError(
-                "arm: its program is paused and does not go on, as after a safeguard stop; stopped"
+                key(
+                    "arm: its program is paused and does not go on, as after a safeguard stop; "
+                    "stopped"
+                )
             )
         self._progress_s += passed_s * state.speed_share
         self._note_slow(state)
@@ -124,18 +128,28 @@ class _Watch:
         self._has_begun |= is_playing(state) or has_moved or not is_still
         if not self._has_begun:
             if now_s - self._sent_s > BEGIN_S:
-                raise RefusedError(f"arm: the move was not begun{self._session.told()}", 0)
+                raise RefusedError(
+                    say("arm: the move was not begun{told}", told=self._session.told()), 0
+                )
             return False
         self._idle_count = self._idle_count + 1 if is_still and not is_playing(state) else 0
         worst_deg = float(np.degrees(off.max()))
         if self._idle_count >= ENDED_COUNT:
             raise ArmStalledError(
-                f"arm: ended {worst_deg:.2f} deg short of its target{self._session.told()}"
+                say(
+                    "arm: ended {worst_deg:.2f} deg short of its target{told}",
+                    worst_deg=worst_deg,
+                    told=self._session.told(),
+                )
             )
         if self._progress_s > self._limit_s:
             raise ArmStalledError(
-                f"arm: not there after {self._progress_s:.1f} s at full speed, {worst_deg:.2f} deg "
-                "short of its target; stopped"
+                say(
+                    "arm: not there after {progress_s:.1f} s at full speed, "
+                    "{worst_deg:.2f} deg short of its target; stopped",
+                    progress_s=self._progress_s,
+                    worst_deg=worst_deg,
+                )
             )
         return False
 

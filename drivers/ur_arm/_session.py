@@ -25,6 +25,7 @@ from drivers.errors import (
 )
 from drivers.kinds import Stop
 from drivers.tasks import run_to_end
+from messages import key, say
 
 from ._config import ControllerAddress, UrSettings
 from ._errors import LocalControlError, OutOfRangeError, PowerOffError, SafetyStopError
@@ -159,8 +160,13 @@ class UrSession:
         series = "e" if self._rtde is not None and self._rtde.version[0] >= E_SERIES else ""
         if told[0].lower() != wanted[0] or self._shape.model.endswith("e") != bool(series):
             raise WrongDeviceError(
-                f"arm: the controller has a {told[0].upper()}{series}, the cell file says "
-                f"`model: {self._shape.model}`; set `arm.shape.model` to the arm that is there"
+                say(
+                    "arm: the controller has a {told}{series}, the cell file says "
+                    "`model: {model}`; set `arm.shape.model` to the arm that is there",
+                    told=told[0].upper(),
+                    series=series,
+                    model=self._shape.model,
+                )
             )
         return f"{told[0].upper()}{series}"
 
@@ -190,7 +196,7 @@ class UrSession:
         LinkError : not connected
         """
         if self._rtde is None:
-            raise LinkError("arm: not connected")
+            raise LinkError(key("arm: not connected"))
         return self._rtde
 
     @property
@@ -202,7 +208,7 @@ class UrSession:
         LinkError : not connected
         """
         if self._script is None:
-            raise LinkError("arm: not connected")
+            raise LinkError(key("arm: not connected"))
         return self._script
 
     async def state(self) -> UrState:
@@ -236,7 +242,9 @@ class UrSession:
     def told(self) -> str:
         """Return what the controller has said of refused lines, as the end of a sentence."""
         texts = [*self.script.texts, *self.rtde.texts]
-        return f"; it says: {' / '.join(dict.fromkeys(texts))}" if texts else ""
+        return (
+            say("; it says: {fromkeys}", fromkeys=" / ".join(dict.fromkeys(texts))) if texts else ""
+        )
 
     def forget_told(self) -> None:
         """Forget what the controller has said so far."""
@@ -281,8 +289,11 @@ class UrSession:
         if not await self._is_remote():
             self._was_local = True
             raise LocalControlError(
-                "arm: in local control: on the pendant, choose `Remote Control` at the top right "
-                "(enabled under Settings, System)"
+                key(
+                    "arm: in local control: on the pendant, choose `Remote Control` at the top "
+                    "right "
+                    "(enabled under Settings, System)"
+                )
             )
 
     async def _open_anew(self) -> None:
@@ -306,8 +317,11 @@ class UrSession:
                 return state
             if self.clock.attended_s() > until_s:
                 raise PowerOffError(
-                    f"arm: after {POWER_S:g} s {mode_words(state.robot_mode)}; read the log on the "
-                    "pendant"
+                    say(
+                        "arm: after {power_s:g} s {mode_words}; read the log on the pendant",
+                        power_s=POWER_S,
+                        mode_words=mode_words(state.robot_mode),
+                    )
                 )
 
     async def _set_load(self, state: UrState) -> None:
@@ -340,7 +354,9 @@ class UrSession:
             until_s = self.clock.attended_s() + SETTING_S
             while not is_set(state := await self.state()):
                 if self.clock.attended_s() > until_s:
-                    raise RefusedError(f"arm: the {what} was not taken{self.told()}", 0)
+                    raise RefusedError(
+                        say("arm: the {what} was not taken{told}", what=what, told=self.told()), 0
+                    )
 
     async def _let_lead(self) -> None:
         """Let the arm be led by hand until it is enabled, stopped or moved again (§4.6).
@@ -355,7 +371,7 @@ class UrSession:
         until_s = self.clock.attended_s() + SETTING_S
         while not is_playing(await self.state()):
             if self.clock.attended_s() > until_s:
-                raise RefusedError(f"arm: it cannot be led by hand{self.told()}", 0)
+                raise RefusedError(say("arm: it cannot be led by hand{told}", told=self.told()), 0)
 
     async def clear_safety_stop(self) -> None:
         """Close the safety pop-up and unlock a protective stop: on a person's word only (§3.2).
@@ -411,8 +427,11 @@ class UrSession:
             if now_s > until_s and still == 0:
                 await self._dashboard.ask("stop")
                 raise StalledError(
-                    f"arm: still moves at {np.degrees(speed):.0f} deg/s after a stop; press the "
-                    "emergency stop"
+                    say(
+                        "arm: still moves at {degrees:.0f} deg/s after a stop; press the "
+                        "emergency stop",
+                        degrees=np.degrees(speed),
+                    )
                 )
             if still >= STILL_COUNT:
                 return
@@ -442,7 +461,7 @@ class UrSession:
 
         def guard() -> None:
             if self._stop_count != stop_count:
-                raise MotionStoppedError("arm: the motion was stopped on request")
+                raise MotionStoppedError(key("arm: the motion was stopped on request"))
 
         async with self._one_motion:
             guard()
@@ -450,14 +469,20 @@ class UrSession:
             require_safe(state)
             if not self.is_powered or state.robot_mode != RobotMode.RUNNING:
                 self.is_powered = False
-                why = "not enabled" if state.robot_mode == RobotMode.RUNNING else ""
+                why = key("not enabled") if state.robot_mode == RobotMode.RUNNING else ""
                 raise PowerOffError(
-                    f"arm: {why or mode_words(state.robot_mode)}: enable its power first"
+                    say(
+                        "arm: {why}: enable its power first",
+                        why=why or mode_words(state.robot_mode),
+                    )
                 )
             if needs_home and not self.is_active:
                 raise PowerOffError(
-                    "arm: its gripper is not active, as after a loss of power: home the arm, which "
-                    "moves the jaws"
+                    key(
+                        "arm: its gripper is not active, as after a loss of power: home the "
+                        "arm, which "
+                        "moves the jaws"
+                    )
                 )
             try:
                 yield guard
@@ -477,7 +502,11 @@ def require_safe(state: UrState) -> None:
     """
     if state.safety_mode not in OPERATES:
         raise SafetyStopError(
-            f"arm: {safety_words(state.safety_mode)}: {advice(state.safety_mode)}",
+            say(
+                "arm: {safety_words}: {advice}",
+                safety_words=safety_words(state.safety_mode),
+                advice=advice(state.safety_mode),
+            ),
             state.safety_mode,
         )
 

@@ -28,7 +28,7 @@ sys.path.insert(0, str(ROOT / "packaging"))
 
 import release  # noqa: E402  (its folder comes first)
 
-PACKED = ("controller", "drivers", "emulators", "recipes")
+PACKED = ("controller", "drivers", "emulators", "messages", "recipes")
 LIMIT_S = 1500.0  # a guard against a hang, no measure
 
 

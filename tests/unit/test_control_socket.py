@@ -337,7 +337,7 @@ async def test_bytes_that_are_no_request_move_nothing(
     dispatcher = Dispatching()
     async with serving(place, handle_for(control_of(dispatcher))):
         found, reply = await exchange(place, data)
-    assert (found, set(reply)) == (status, {"error"})
+    assert (found, set(reply) - {"said"}) == (status, {"error"})
     assert dispatcher.taken == []
 
 

@@ -100,6 +100,7 @@ def test_messages_use_them(replaced: list[Word]) -> None:
 
 def test_sentences_of_the_page_use_them(replaced: list[Word]) -> None:
     catalogues = sorted((ROOT / "controller/page/frame/catalogues").rglob("*.po"))
+    catalogues += sorted((ROOT / "messages/catalogues").rglob("*.po"))
     for path in catalogues:
         with path.open("rb") as file:
             texts = [str(message.id) for message in read_po(file)]

@@ -268,7 +268,7 @@ def test_reports_and_exports_have_the_verdict_beside_the_machines(
 
 
 def test_a_store_of_version_2_is_brought_up_and_filled_once_more(store: Store, runs: Path) -> None:
-    assert SCHEMA_VERSION == 8
+    assert SCHEMA_VERSION == 9
     with store.engine.begin() as db:
         for index in ("parts_awaiting", "parts_review", "parts_order"):
             db.execute(sqlalchemy.text(f"DROP INDEX {index}"))

@@ -30,7 +30,7 @@ from emulators.world import LayoutError, read_layout
 
 ROOT = Path(__file__).parents[2]
 CELL = ROOT / "recipes" / "cells" / "emulated.yaml"
-PACKAGES = ("controller", "drivers", "emulators", "simulation")
+PACKAGES = ("controller", "drivers", "emulators", "messages", "simulation")
 # multiprocessing pickles what it sends to our own child over our own pipe: nothing from a disk or
 # a wire goes that way, which is why the modules that use it are named here
 PIPES = {

@@ -30,7 +30,7 @@ def walk(name):
         if one.name != "controller.step_kernel" and not one.name.endswith("__main__"):
             walk(one.name)
 
-for name in ("controller", "drivers", "emulators", "simulation"):
+for name in ("controller", "drivers", "emulators", "messages", "simulation"):
     walk(name)
 print("pybullet" in sys.modules)
 """

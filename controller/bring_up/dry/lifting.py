@@ -27,6 +27,7 @@ from controller.planning import (
 )
 from controller.planning.model import CellLayout
 from controller.planning.motion import MARGIN_MM, Scene, connect, path_free, tcp_pose
+from messages import say
 
 from ..bench import UNCALIBRATED_MM, with_clearance
 from ..jogging import RefusedMotionError, near_by, shifted
@@ -130,7 +131,7 @@ def _raised(
     x, y, z = tcp_pose(scene.layout, waypoint)[:3, 3]
     where = f"x {x:.0f} y {y:.0f} z {z:.0f} mm"
     if not places:
-        return f"{label}: no lift of {where} is free and within reach"
+        return say("{label}: no lift of {where} is free and within reach", label=label, where=where)
     for raised, lift_mm in places:
         if path_free(scene, (q, raised)):
             return (raised,), lift_mm
@@ -140,7 +141,7 @@ def _raised(
                 return connect(q, raised, scene, label, search=is_searched), lift_mm
             except NoMotionError:
                 continue
-    return f"{label}: no path over {where} is free"
+    return say("{label}: no path over {where} is free", label=label, where=where)
 
 
 def _lifts(layout: CellLayout, waypoint: FloatArray) -> tuple[float, ...]:

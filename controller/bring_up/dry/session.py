@@ -23,6 +23,7 @@ from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration
 from controller.planning import Plan
 from controller.setup.layout import build_layout
+from messages import key, say
 
 from ..bench import Bench
 from ..evidence import StepEvidence
@@ -110,7 +111,7 @@ class DryStep:
 async def _open_grippers(bench: Bench) -> None:
     widest_mm, gripper = bench.arm.max_opening_mm, bench.devices.gripper
     await bench.move_jaws("the arm gripper opens", lambda: bench.arm.move_gripper_mm(widest_mm))
-    await bench.move_jaws("the fixed gripper activates: its jaws may move", gripper.activate)
+    await bench.move_jaws(key("the fixed gripper activates: its jaws may move"), gripper.activate)
     await bench.move_jaws(
         "the fixed gripper opens", lambda: gripper.open_to(gripper.max_opening_mm)
     )
@@ -139,7 +140,9 @@ async def _drive(bench: Bench, pose_index: int, step: LiftedStep) -> None:
     )
     bench.note(row)
     least, most = step.lifted_mm
-    lifted = f"{least:.0f} mm" if least == most else f"{least:.0f} to {most:.0f} mm"
+    lifted = (
+        say("{least:.0f} mm", least=least) if least == most else f"{least:.0f} to {most:.0f} mm"
+    )
     more = f"; {len(step.left_out)} left out" if step.left_out else ""
     bench.evidence.show(
         f"{step.label}: {len(step.path)} motions, lifted by {lifted}, {row.seconds:.0f} s{more}"

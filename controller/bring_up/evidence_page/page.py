@@ -13,6 +13,7 @@ from controller.config.calibrations import read_calibrations
 from controller.results.pages import render_page
 from controller.results.wording import utc
 from drivers.pictures import BrokenPictureError, decode
+from messages import say
 
 from ..procedure import (
     CommissioningFolder,
@@ -102,14 +103,14 @@ def _step(
         record,
         tuple((figure, allowed(figure)) for figure in record.figures),
         tuple(_shown(place, picture) for picture in record.pictures),
-        f"{utc(record.began)} to {utc(record.ended)}",
+        say("{utc} to {utc2}", utc=utc(record.began), utc2=utc(record.ended)),
     )
 
 
 def allowed(figure: StepFigure) -> str:
     """Return a figure's limits in words; empty if it has none."""
     if figure.low is not None and figure.high is not None:
-        return f"{figure.low:g} to {figure.high:g}"
+        return say("{low:g} to {high:g}", low=figure.low, high=figure.high)
     if figure.low is not None:
         return f"at least {figure.low:g}"
     return f"at most {figure.high:g}" if figure.high is not None else ""

@@ -16,6 +16,7 @@ from controller.planning.model import CellLayout
 from controller.planning.motion import Scene, connect, segment_seconds, tcp_pose
 from controller.setup.measured_arm import measured_arm
 from drivers.kinds import Stop
+from messages import say
 
 from ..bench import SLOW, Bench
 from ..errors import StepFailedError
@@ -124,7 +125,9 @@ async def set_down(
     for high_mm in up_mm:
         risen = shifted(bench.layout, there[None], np.array([0.0, 0.0, high_mm]))[0]
         if not bench.layout.arm.within_limits(risen):
-            raise StepFailedError(f"{name}: the arm cannot rise from where it was guided to")
+            raise StepFailedError(
+                say("{name}: the arm cannot rise from where it was guided to", name=name)
+            )
         await bench.motion.follow((risen,), first_speed=SLOW)
     return at_mm, there
 
@@ -139,7 +142,11 @@ async def _read_at_rest(bench: Bench, name: str) -> tuple[FloatArray, FloatArray
     apart_mm = float(np.ptp(points, axis=0).max())
     if apart_mm > STILL_MM:
         raise StepFailedError(
-            f"{name}: the finger tips moved by {apart_mm:.1f} mm while they were read; hold "
-            "them still and repeat the step"
+            say(
+                "{name}: the finger tips moved by {apart_mm:.1f} mm while they "
+                "were read; hold them still and repeat the step",
+                name=name,
+                apart_mm=apart_mm,
+            )
         )
     return points[-1], q[-1]

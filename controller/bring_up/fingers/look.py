@@ -10,6 +10,7 @@ from controller.calibration.kinematics import CellFit
 from controller.cell.devices.lamps import STATION_PANEL
 from controller.planning.motion import inverse_rows
 from controller.setup.measured_arm import measured_arm
+from messages import say
 
 from ..bench import Bench
 from ..boards import go_to, look
@@ -38,7 +39,7 @@ async def look_at_the_fingers(bench: Bench, fit: CellFit) -> TcpFit:
     fingers = bench.cell.arm.fingers
     shape = FingerShape(fingers.length_mm, fingers.width_mm, fingers.thickness_mm)
     await bench.move_jaws(
-        f"the arm gripper opens to {OPEN_MM:.0f} mm",
+        say("the arm gripper opens to {open_mm:.0f} mm", open_mm=OPEN_MM),
         lambda: bench.arm.move_gripper_mm(OPEN_MM),
     )
     opening_mm = await bench.arm.read_opening_mm()

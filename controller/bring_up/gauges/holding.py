@@ -11,6 +11,7 @@ from controller.calibration.showing import ShowingRegion
 from controller.imaging import inverse_pose, rotation_angle
 from controller.planning.model import JOINT_COUNT
 from controller.planning.motion import slides
+from messages import key, say
 
 from ..bench import Bench
 from ..boards import PlateInJaws
@@ -69,8 +70,10 @@ def _where(bench: Bench, held: PlateInJaws) -> tuple[FloatArray, list[FloatArray
         if held.within_reach(q) and limits(ends).all() and held.scene.free(ends, MARGIN_MM).all():
             return q, swings
     raise StepFailedError(
-        "no place was found where the inspection camera sees the plate and the arm may "
-        "shake it; check the camera's pose and the obstacles in the cell file"
+        key(
+            "no place was found where the inspection camera sees the plate and the arm may "
+            "shake it; check the camera's pose and the obstacles in the cell file"
+        )
     )
 
 
@@ -79,7 +82,11 @@ async def _pose(bench: Bench, held: PlateInJaws, q: FloatArray, name: str) -> Fl
     found = await held.shown("inspection", q, name, from_below=None)
     if found is None:
         raise StepFailedError(
-            f"the plate was not found in the picture {name}; {bench.evidence.findings[-1]}"
+            say(
+                "the plate was not found in the picture {name}; {findings}",
+                name=name,
+                findings=bench.evidence.findings[-1],
+            )
         )
     faces = dict(zip(("front", "back"), plate_faces(held.plate.board), strict=True))
     try:

@@ -1,11 +1,13 @@
 """Gauges between the jaws of either gripper: handed over by a person, grasped, taken back."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
 from controller.calibration.target import BoardSection
 from controller.cell.custody import Custody
 from drivers.kinds import Hold
+from messages import key, say
 
 from ..bench import Bench
 from ..boards import PLATE_FORCE, put_away
@@ -32,7 +34,7 @@ async def take_in_arm(bench: Bench, board: BoardSection, file: Path, seed: int) 
     DeclinedError, NobodyThereError, CellError, DeviceError : it cannot be done
     """
     await _open_arm(bench, board)
-    await _hand_over(bench, file, "arm", "arm gripper", seed)
+    await _hand_over(bench, file, "arm", key("arm gripper"), seed)
     opening_mm = 0.0
 
     async def close() -> None:
@@ -80,7 +82,7 @@ async def take_in_fixed(
     """
     gripper = bench.devices.gripper
     await _open_fixed(bench, _wide_mm(board, bench.devices.gripper.max_opening_mm))
-    await _hand_over(bench, file, "fixture", "fixed gripper", seed)
+    await _hand_over(bench, file, "fixture", key("fixed gripper"), seed)
     is_met, opening_mm = False, 0.0
 
     async def close() -> None:
@@ -104,8 +106,11 @@ async def require_fixed_holds(bench: Bench) -> None:
     found = await bench.devices.gripper.hold()
     if found is not Hold.HELD:
         raise StepFailedError(
-            f"the fixed gripper reports `{found.value}` with the plate; clean pads and "
-            "plate, check that the jaws grasp it fully, and repeat the step"
+            say(
+                "the fixed gripper reports `{value}` with the plate; clean pads "
+                "and plate, check that the jaws grasp it fully, and repeat the step",
+                value=found.value,
+            )
         )
 
 
@@ -126,14 +131,14 @@ def _wide_mm(board: BoardSection, widest_mm: float) -> float:
 async def _open_arm(bench: Bench, board: BoardSection) -> None:
     opening_mm = _wide_mm(board, bench.arm.max_opening_mm)
     await bench.move_jaws(
-        f"the arm gripper opens to {opening_mm:.0f} mm",
+        say("the arm gripper opens to {opening_mm:.0f} mm", opening_mm=opening_mm),
         lambda: bench.arm.move_gripper_mm(opening_mm),
     )
 
 
 async def _open_fixed(bench: Bench, opening_mm: float) -> None:
     await bench.move_jaws(
-        f"the fixed gripper opens to {opening_mm:.0f} mm",
+        say("the fixed gripper opens to {opening_mm:.0f} mm", opening_mm=opening_mm),
         lambda: bench.devices.gripper.open_to(opening_mm),
     )
     bench.handed.custody = Custody.NONE
@@ -148,10 +153,20 @@ async def _hand_over(bench: Bench, file: Path, key: str, which: str, seed: int) 
     await bench.person.have_done(Errand(f"give_{key}", text, (order,)))
 
 
+CLOSED_ON_GAUGE: Final[Mapping[str, str]] = {
+    "arm": key(
+        "the arm gripper closed to {opening_mm:.1f} mm, the gauge is {thickness_mm:g} mm thick: "
+        "hold it between the jaws, or give the file of the gauge in use"
+    ),
+    "fixed": key(
+        "the fixed gripper closed to {opening_mm:.1f} mm, the gauge is {thickness_mm:g} mm thick: "
+        "hold it between the jaws, or give the file of the gauge in use"
+    ),
+}
+
+
 def _require_between(which: str, opening_mm: float, thickness_mm: float) -> None:
     if abs(opening_mm - thickness_mm) > OFF_MM:
         raise StepFailedError(
-            f"the {which} gripper closed to {opening_mm:.1f} mm, the gauge is "
-            f"{thickness_mm:g} mm thick: hold it between the jaws, or give the file of the "
-            "gauge in use"
+            say(CLOSED_ON_GAUGE[which], opening_mm=opening_mm, thickness_mm=thickness_mm)
         )

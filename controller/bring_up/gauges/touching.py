@@ -23,6 +23,7 @@ from controller.planning.motion import (
     same_branch,
     tcp_pose,
 )
+from messages import say
 
 from ..bench import SLOW, Bench, with_clearance
 from ..errors import StepFailedError
@@ -292,14 +293,19 @@ class Fingers:
 
         await bench.move_jaws(f"the arm gripper closes until it touches, {name}", close)
         await bench.move_jaws(
-            f"the arm gripper opens to {OPEN_MM:.0f} mm",
+            say("the arm gripper opens to {open_mm:.0f} mm", open_mm=OPEN_MM),
             lambda: bench.arm.move_gripper_mm(OPEN_MM),
         )
         bench.evidence.show(f"{name}: touched at {opening_mm:.2f} mm")
         if opening_mm < self._thickness_mm - MET_MM:
             raise StepFailedError(
-                f"{name}: the arm's jaws closed to {opening_mm:.1f} mm: the plate is no "
-                "longer in the fixed gripper, or has moved; take it out and repeat the step"
+                say(
+                    "{name}: the arm's jaws closed to {opening_mm:.1f} mm: the plate "
+                    "is no longer in the fixed gripper, or has moved; take it out and "
+                    "repeat the step",
+                    name=name,
+                    opening_mm=opening_mm,
+                )
             )
         if opening_mm < self._thickness_mm + MET_MM:
             bench.evidence.find(f"{name} left out: both fingers met the plate")

@@ -18,6 +18,7 @@ from controller.cell.devices.stopping import stop_side_by_side
 from controller.planning.motion import Scene, slides, tcp_pose
 from drivers.errors import DeviceError
 from drivers.kinds import Encoders, FirstContact, Stop
+from messages import say
 
 from ..bench import Bench
 from .goals import (
@@ -165,7 +166,9 @@ class Jogger:
         )
         self._goal = None
         for name, error in found.items():
-            raise DeviceError(f"{name}: did not confirm the stop: {error}") from error
+            raise DeviceError(
+                say("{name}: did not confirm the stop: {error}", name=name, error=error)
+            ) from error
 
     async def carry_out(self, order: JogOrder) -> str:
         """Carry out an order; return a sentence on the result.
@@ -374,7 +377,13 @@ class Jogger:
 
 def _opening(wanted_mm: float | None, most_mm: float) -> float:
     if wanted_mm is not None and wanted_mm > most_mm:
-        raise RefusedMotionError(f"it opens to {most_mm:.1f} mm, not to {wanted_mm:g}")
+        raise RefusedMotionError(
+            say(
+                "it opens to {most_mm:.1f} mm, not to {wanted_mm:g}",
+                most_mm=most_mm,
+                wanted_mm=wanted_mm,
+            )
+        )
     return most_mm if wanted_mm is None else wanted_mm
 
 

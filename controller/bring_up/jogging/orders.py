@@ -7,6 +7,7 @@ from math import isfinite
 from typing import Final
 
 from controller.cell.errors import CellError
+from messages import key
 
 MAX_DEG: Final = 45.0
 MAX_MM: Final = 100.0
@@ -25,14 +26,14 @@ class Verb(StrEnum):
     JOINT = "joint"
     SHIFT = "shift"
     TURN = "turn"
-    PARK = "park"
+    PARK = key("park")
     OPEN = "open"
     CLOSE = "close"
     LAMP = "lamp"
-    STEP = "step"
+    STEP = key("step")
     SPEED = "speed"
     SHOW = "show"
-    STOP = "stop"
+    STOP = key("stop")
     TAKE = "take"
     QUIT = "quit"
 

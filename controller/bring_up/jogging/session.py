@@ -22,6 +22,7 @@ from controller.config import Cell
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration
 from drivers.errors import DeviceError
+from messages import key
 
 from ..bench import Bench
 from ..evidence import StepEvidence
@@ -170,7 +171,7 @@ class JogStep:
             await asyncio.wait({moving, stopped}, return_when=asyncio.FIRST_COMPLETED)
             if not moving.done():
                 await jogger.halt()
-                raise RefusedMotionError("stopped: arm and grippers have halted")
+                raise RefusedMotionError(key("stopped: arm and grippers have halted"))
             return await moving
         finally:
             # a verb that is cancelled stops the arm before it ends
@@ -183,7 +184,7 @@ class JogStep:
             raise WrongOrderError("`take` is an order of `cellctl teach`")
         reading = await jogger.read()
         if reading.q is None or reading.T_world_tcp is None:
-            raise RefusedMotionError("the arm is not homed: its position is invalid")
+            raise RefusedMotionError(key("the arm is not homed: its position is invalid"))
         taken = TakenOver(reading.q, reading.T_world_tcp)
         if why := self._accept(taken):
             raise RefusedMotionError(why)

@@ -19,6 +19,7 @@ from controller.config import Cell, ConfigError, load_cell
 from controller.config.calibration_reference import CalibrationName, CalibrationReference
 from controller.config.calibrations import Calibration, write_calibration
 from controller.config.files import read_bytes, read_text, reason_of, write_whole
+from messages.form import from_said, said_in
 
 from ._cell_file import calibrated_text
 from ._record import StepEnd, StepRecord
@@ -93,9 +94,8 @@ class CommissioningFolder:
         ------
         ConfigError : it cannot be written
         """
-        text = json.dumps(
-            record.model_dump(mode="json", by_alias=True), indent=1, ensure_ascii=False
-        )
+        body = record.model_dump(mode="json", by_alias=True) | said_in(record.model_dump())
+        text = json.dumps(body, indent=1, ensure_ascii=False)
         if record.evidence:
             write_whole(self.path / record.evidence / "record.json", text + "\n")
         last = self.record_file(record.step)
@@ -175,7 +175,7 @@ class CommissioningFolder:
 def _read_record(path: Path, step: str) -> StepRecord:
     data = read_bytes(path, MAX_RECORD_BYTES, "a record")
     try:
-        record = StepRecord.model_validate(json.loads(data))
+        record = StepRecord.model_validate(from_said(json.loads(data)))
     except ValueError as error:
         first = str(error).splitlines()[0]
         raise ConfigError(

@@ -6,13 +6,17 @@ Written as JSON; `docs/commissioning.md` names the fields.
 from collections.abc import Iterable, Mapping
 from datetime import datetime
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, model_validator
 
 from controller.config import Section
 from controller.config.calibration_reference import CalibrationName
+from messages import joined, key, say
+from messages.fields import Sentence
 
+LOWER_BOUND: Final = key("at least {bound:g}")
+UPPER_BOUND: Final = key("at most {bound:g}")
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -20,7 +24,7 @@ class StepEnd(StrEnum):
     """End of a step."""
 
     PASSED = "passed"
-    FAILED = "failed"
+    FAILED = key("failed")
     """A figure is over its limit, or what is there is not what should be."""
     BROKEN_OFF = "broken off"
     """Stopped by a person, an interlock, or a device that was lost; it is to be repeated."""
@@ -38,7 +42,7 @@ class StepFigure(Section):
     low, high : limits, None where there is none
     """
 
-    name: str
+    name: Sentence
     value: float
     unit: str = ""
     uncertainty: float | None = Field(None, ge=0)
@@ -60,14 +64,22 @@ class StepFigure(Section):
     @property
     def words(self) -> str:
         """The value with its unit and its limits."""
-        more = "" if self.uncertainty is None else f" +- {self.uncertainty:.3g}"
+        more = "" if self.uncertainty is None else say(" +- {u:.3g}", u=self.uncertainty)
         limits = [
-            f"{word} {bound:g}"
-            for word, bound in (("at least", self.low), ("at most", self.high))
+            say(template, bound=bound)
+            for template, bound in ((LOWER_BOUND, self.low), (UPPER_BOUND, self.high))
             if bound is not None
         ]
-        allowed = f" ({', '.join(limits)} allowed)" if limits else ""
-        return f"{self.name}: {self.value:.4g}{more} {self.unit}".rstrip() + allowed
+        allowed = say(" ({limits} allowed)", limits=joined(", ", limits)) if limits else ""
+        unit = f" {self.unit}" if self.unit else ""
+        return say(
+            "{name}: {value:.4g}{more}{unit}{allowed}",
+            name=self.name,
+            value=self.value,
+            more=more,
+            unit=unit,
+            allowed=allowed,
+        )
 
 
 class StepPicture(Section):
@@ -95,8 +107,8 @@ class GivenAnswer(Section):
     who : gave the answer
     """
 
-    text: str
-    choice: str
+    text: Sentence
+    choice: Sentence
     who: str
 
 
@@ -121,7 +133,7 @@ class StepRecord(Section):
     schema_: Literal[1] = Field(1, alias="schema")
     step: str
     outcome: StepEnd
-    message: str = ""
+    message: Sentence = ""
     began: datetime
     ended: datetime
     by: str = ""

@@ -4,19 +4,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from enum import StrEnum
+from typing import Final
 
 from controller.config.calibration_reference import CalibrationName
+from messages import key, say
 
 from ._record import StepEnd, StepRecord
+
+GONE: Final = key("the calibration `{name}` is gone since {when}")
+ANOTHER: Final = key("the calibration `{name}` is another one since {when}")
 
 
 class StepStatus(StrEnum):
     """Present status of a step."""
 
     DONE = "done"
-    STALE = "stale"
-    FAILED = "failed"
-    NOT_DONE = "not done"
+    STALE = key("stale")
+    FAILED = key("failed")
+    NOT_DONE = key("not done")
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,21 +94,29 @@ def _of_record(
     calibrations: Mapping[CalibrationName, str],
 ) -> tuple[StepStatus, str]:
     if record is None:
-        return StepStatus.NOT_DONE, "never begun"
+        return StepStatus.NOT_DONE, key("never begun")
     when = f"{record.ended:%Y-%m-%d %H:%M}"
     if record.outcome is StepEnd.BROKEN_OFF:
-        return StepStatus.NOT_DONE, f"broken off {when}: {record.message}"
+        return StepStatus.NOT_DONE, say(
+            "broken off {when}: {message}", when=when, message=record.message
+        )
     if record.outcome is StepEnd.FAILED:
-        return StepStatus.FAILED, f"{when}: {record.message}"
+        return StepStatus.FAILED, say("{when}: {message}", when=when, message=record.message)
     if record.cell_digest != digest:
-        return StepStatus.STALE, f"the cell file describes another cell than on {when}"
+        return StepStatus.STALE, say(
+            "the cell file describes another cell than on {when}", when=when
+        )
     for name, sha256 in {**record.based_on, **record.made}.items():
         if calibrations.get(name) != sha256:
-            what = "is gone" if name not in calibrations else "is another one"
-            return StepStatus.STALE, f"the calibration `{name}` {what} since {when}"
+            template = GONE if name not in calibrations else ANOTHER
+            return StepStatus.STALE, say(template, name=name, when=when)
     if plan.valid_days is not None and now - record.ended > timedelta(days=plan.valid_days):
-        return StepStatus.STALE, f"older than {plan.valid_days} days: {when}"
-    return StepStatus.DONE, when + (f" by {record.by}" if record.by else "")
+        return StepStatus.STALE, say(
+            "older than {valid_days} days: {when}", valid_days=plan.valid_days, when=when
+        )
+    if record.by:
+        return StepStatus.DONE, say("{when} by {by}", when=when, by=record.by)
+    return StepStatus.DONE, when
 
 
 def _by_needs(
@@ -112,7 +125,9 @@ def _by_needs(
     """Return why a step that was done does not hold any more because of those before it."""
     for need in plan.needs:
         if found[need].status is not StepStatus.DONE:
-            return f"`{need}`, which it needs, is {found[need].status.value}"
+            return say(
+                "`{need}`, which it needs, is {value}", need=need, value=found[need].status.value
+            )
         if records[need].ended > records[plan.name].began:
-            return f"`{need}`, which it needs, was repeated after it"
+            return say("`{need}`, which it needs, was repeated after it", need=need)
     return ""

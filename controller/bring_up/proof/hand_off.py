@@ -19,6 +19,7 @@ from controller.cell.custody import Custody
 from controller.imaging import rotation_angle
 from controller.planning import JointPath
 from controller.planning.motion import Scene, inverse_rows
+from messages import say
 
 from ..bench import Bench, with_clearance
 from ..boards import HALF_OPEN_MM, HANDED_MM, PLATE_FORCE, PlateInJaws
@@ -109,8 +110,11 @@ async def _shown(
         if picture is not None:
             return picture, q
     raise StepFailedError(
-        f"{name}: the inspection camera does not see the plate; see which pictures were left out, "
-        "and why"
+        say(
+            "{name}: the inspection camera does not see the plate; see which "
+            "pictures were left out, and why",
+            name=name,
+        )
     )
 
 
@@ -126,9 +130,13 @@ async def _give(bench: Bench, thickness_mm: float) -> None:
     opening_mm = found[0].opening_mm
     if not found[0].object_detected or abs(opening_mm - thickness_mm) > OFF_MM:
         raise StepFailedError(
-            f"the fixed gripper closed to {opening_mm:.1f} mm, the plate is "
-            f"{thickness_mm:g} mm thick: the gripper is not at its pose in the cell file; "
-            "repeat the step `grippers`, or measure and correct it"
+            say(
+                "the fixed gripper closed to {opening_mm:.1f} mm, the plate is "
+                "{thickness_mm:g} mm thick: the gripper is not at its pose in the "
+                "cell file; repeat the step `grippers`, or measure and correct it",
+                opening_mm=opening_mm,
+                thickness_mm=thickness_mm,
+            )
         )
     bench.handed.custody = Custody.IN_BOTH
     await bench.move_jaws(

@@ -17,6 +17,7 @@ from controller.calibration.target import BoardSection
 from controller.imaging import Camera, inverse_pose
 from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
+from messages import key, say
 
 from ..errors import StepFailedError
 
@@ -70,7 +71,7 @@ def length_study(
     names = np.array([one.camera for one in pictures])
     counts = [int((names == name).sum()) for name in np.unique(names)]
     if len(counts) < 2 or min(counts) < 2:
-        raise StepFailedError("lengths are compared in two pictures of each camera at least")
+        raise StepFailedError(key("lengths are compared in two pictures of each camera at least"))
     found = [_lengths(layout, board, one, T_tcp_body) for one in pictures]
     reference = found[0][1]
     off = np.array([measured - known for measured, known in found])
@@ -99,7 +100,7 @@ def _lengths(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the print's sides (2,) as measured in a picture, and as known."""
     if picture.q is None:
-        raise StepFailedError(f"{picture.name}: the joints were not read")
+        raise StepFailedError(say("{name}: the joints were not read", name=picture.name))
     face = plate_faces(board)[0 if picture.face == "front" else 1]
     T = tcp_pose(layout, picture.q) @ T_tcp_body @ face.T_body_board
     camera: Camera = getattr(layout, picture.camera)
@@ -110,10 +111,12 @@ def _lengths(
     known = picture.board.board_mm[:, :2]
     spread = np.ptp(known, axis=0)
     if board.squares is None:
-        raise StepFailedError("the plate needs a ChArUco board on each face")
+        raise StepFailedError(key("the plate needs a ChArUco board on each face"))
     side = board.square_mm * (np.array(board.squares, dtype=float) - 2.0)  # of its inner corners
     if (spread < _SPREAD_MIN * side).any():
-        raise StepFailedError(f"{picture.name}: too little of the print is in sight to measure it")
+        raise StepFailedError(
+            say("{name}: too little of the print is in sight to measure it", name=picture.name)
+        )
     # an affine fit: the scale along either axis, whatever shift and turn the arm's errors leave
     by = np.column_stack([known - known.mean(axis=0), np.ones(len(known))])
     axes = np.linalg.lstsq(by, on_print, rcond=None)[0][:2]

@@ -54,6 +54,7 @@ from controller.config.calibrations import (
 from controller.planning.motion import inverse_rows, segment_seconds
 from controller.setup.drivers import find_driver
 from controller.setup.measured_arm import at_rest, measured_arm
+from messages import say
 
 from ..bench import Bench
 from ..boards import (
@@ -275,7 +276,11 @@ async def _in_the_jaws(
             if not pictures and number == FIRST_PICTURES:
                 last = bench.evidence.findings[-1]
                 raise StepFailedError(
-                    f"none of the first {number} pictures shows the plate: {last}"
+                    say(
+                        "none of the first {number} pictures shows the plate: {last}",
+                        number=number,
+                        last=last,
+                    )
                 )
             continue
         pictures.append(below)
@@ -286,8 +291,13 @@ async def _in_the_jaws(
                 stops += [StopPicture(below, name), StopPicture(above, name, motors)]
     if len(pictures) < PICTURES // 2:
         raise StepFailedError(
-            f"the plate was found in {len(pictures)} of {len(chosen)} pictures, half of "
-            "them are required; see which were left out, and why"
+            say(
+                "the plate was found in {pictures_count} of {chosen_count} "
+                "pictures, half of them are required; see which were left out, and "
+                "why",
+                pictures_count=len(pictures),
+                chosen_count=len(chosen),
+            )
         )
     return pictures, stops
 
@@ -312,8 +322,12 @@ def _configurations(
     choice = choose(prior, candidates, dict.fromkeys(FACES, corners), PICTURES, on_table=lying)
     if len(choice.indices) < PICTURES // 2:
         raise StepFailedError(
-            f"only {len(choice.indices)} places were found where a camera sees the plate and the "
-            "arm is free; check the cameras' poses in the cell file"
+            say(
+                "only {indices_count} places were found where a camera sees the "
+                "plate and the arm is free; check the cameras' poses in the cell "
+                "file",
+                indices_count=len(choice.indices),
+            )
         )
     return [candidates[i] for i in choice.indices]
 

@@ -27,6 +27,7 @@ from drivers.kinds import (
     SupplySense,
     TimedFrame,
 )
+from messages import key, say
 
 from ..bench import SLOW, Bench
 from ..errors import StepFailedError
@@ -48,6 +49,10 @@ SUPPLY_POLL_S: Final = 0.02  # period at which the arm is asked for its motor su
 # another setting [s].
 SUPPLY_SLACK_S: Final = 0.2
 BINS_MS: Final = (1, 2, 5, 10, 20, 50, 100, 200, 500)
+
+
+IS_NOT_OK: Final = key("{signal} is not ok: {remedy}")
+IS_UNKNOWN: Final = key("{signal} is unknown: {remedy}")
 
 
 class DevicesStep:
@@ -91,12 +96,18 @@ async def _identify(bench: Bench) -> None:
         ("overhead", devices.overhead),
         ("inspection", devices.inspection),
     ):
-        kind = "emulated" if name in bench.emulated else "real"
+        kind = key("emulated") if name in bench.emulated else key("real")
         bench.evidence.find(f"{name}: {device.model} ({kind})")
     for signal, remedy in REQUIRED_SIGNALS.items():
         found = await settled_signal(devices.io, signal, bench.clock)
         if found is not Signal.OK:
-            raise StepFailedError(f"{signal} is {found.value}: {remedy}")
+            raise StepFailedError(
+                say(
+                    IS_NOT_OK if found is Signal.NOT_OK else IS_UNKNOWN,
+                    signal=signal,
+                    remedy=remedy,
+                )
+            )
         bench.evidence.find(f"{signal}: {found.value}")
 
 
@@ -109,7 +120,7 @@ async def _time_readings(bench: Bench) -> None:
     modbus_ms = faster * 1000 * LATENCY_SHARE * cell.timing.modbus_reply_s
     readings: tuple[tuple[str, Callable[[], Awaitable[object]], float], ...] = (
         ("arm", devices.arm.read_jaws, arm_ms),
-        ("fixed gripper", devices.gripper.status, modbus_ms),
+        (key("fixed gripper"), devices.gripper.status, modbus_ms),
         ("lights", devices.lights.connect, 4 * modbus_ms),  # four requests
     )
     for name, read, limit_ms in readings:
@@ -183,9 +194,12 @@ async def _frames_in_a_row(bench: Bench, camera: Camera) -> list[Frame]:
             late_s = frame.timestamp_s - bench.clock.now_s()
             if late_s > 0:
                 raise StepFailedError(
-                    f"a frame is dated {late_s:.3f} s ahead of the cell's clock: its stamps "
-                    "are invalid; check the camera's time stamps (margin_s in the cell "
-                    "file)"
+                    say(
+                        "a frame is dated {late_s:.3f} s ahead of the cell's clock: its "
+                        "stamps are invalid; check the camera's time stamps (margin_s in "
+                        "the cell file)",
+                        late_s=late_s,
+                    )
                 )
             after_s = frame.timestamp_s
         frames.append(frame)
@@ -249,7 +263,7 @@ async def _prove_watchdog(bench: Bench) -> None:
     try:
         went_s = await _supply_went_s(bench, silence)
         if not await silence:
-            raise StepFailedError("the I/O block's watchdog did not trip; see its web console")
+            raise StepFailedError(key("the I/O block's watchdog did not trip; see its web console"))
     finally:
         silence.cancel()
         await asyncio.gather(silence, return_exceptions=True)
@@ -267,8 +281,11 @@ async def _prove_watchdog(bench: Bench) -> None:
         while not await arm.read_motor_supply():
             if bench.clock.now_s() > until_s:
                 raise StepFailedError(
-                    "the I/O block's relay is closed, and the motors have no supply: check fuse "
-                    "and wires of the relay's contact"
+                    key(
+                        "the I/O block's relay is closed, and the motors have no supply: check "
+                        "fuse "
+                        "and wires of the relay's contact"
+                    )
                 )
             await bench.clock.sleep(SUPPLY_POLL_S)
     bench.evidence.find("the watchdog cut the motors' supply; its relay restored it")
@@ -285,7 +302,7 @@ async def _supply_went_s(bench: Bench, silence: asyncio.Task[bool]) -> float | N
     if not isinstance(arm, SupplySense):
         return None
     if not await arm.read_motor_supply():
-        raise StepFailedError("the motors have no supply before the watchdog test")
+        raise StepFailedError(key("the motors have no supply before the watchdog test"))
     begun_s = bench.clock.now_s()
     while not silence.done():
         if not await arm.read_motor_supply():
@@ -294,8 +311,10 @@ async def _supply_went_s(bench: Bench, silence: asyncio.Task[bool]) -> float | N
     if not await silence:
         return None  # it has not tripped, which is said before anything else
     raise StepFailedError(
-        "the I/O block's watchdog has tripped, and the motors still have their supply: "
-        "wire the relay's contact into the supply, in series with the emergency stop's"
+        key(
+            "the I/O block's watchdog has tripped, and the motors still have their supply: "
+            "wire the relay's contact into the supply, in series with the emergency stop's"
+        )
     )
 
 
@@ -320,7 +339,13 @@ async def _try_in_vain(bench: Bench) -> str:
         except ArmStalledError as error:
             return str(error)
     if abs(went_counts) > TRY_COUNTS:
-        raise StepFailedError(f"{motor}: it moved by {went_counts} counts without motor supply")
+        raise StepFailedError(
+            say(
+                "{motor}: it moved by {went_counts} counts without motor supply",
+                motor=motor,
+                went_counts=went_counts,
+            )
+        )
     return f"{motor} was ordered to move and went {went_counts} counts"
 
 
@@ -358,8 +383,13 @@ async def _require_there(bench: Bench, goal: FloatArray, what: str) -> None:
     off = np.abs(await bench.arm.read_q() - goal) / (ARRIVED_SHARE * _ranges(bench))
     if off.max() > 1:
         raise StepFailedError(
-            f"{what}: joint {int(off.argmax()) + 1} is {off.max():.1f} times the allowed "
-            "distance from its target; check its motor's scale and sign"
+            say(
+                "{what}: joint {argmax} is {max:.1f} times the allowed distance "
+                "from its target; check its motor's scale and sign",
+                what=what,
+                argmax=int(off.argmax()) + 1,
+                max=off.max(),
+            )
         )
 
 
@@ -375,7 +405,9 @@ async def _move_grippers(bench: Bench) -> None:
         async def open_to(opening_mm: float = opening_mm) -> object:
             return await gripper.open_to(opening_mm)
 
-        await bench.move_jaws(f"the fixed gripper opens to {opening_mm:.0f} mm", open_to)
+        await bench.move_jaws(
+            say("the fixed gripper opens to {opening_mm:.0f} mm", opening_mm=opening_mm), open_to
+        )
         reached_mm = (await gripper.status()).opening_mm
         bench.evidence.measure(
             f"fixed gripper, sent to {opening_mm:.1f} mm",

@@ -23,6 +23,7 @@ from controller.calibration.grippers import (
 from controller.calibration.target import BoardSection, load_board
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration, FixedGripperCalibration, Residual
+from messages import key, say
 
 from ..bench import Bench
 from ..boards import PlateInJaws, as_handed, board_file
@@ -73,8 +74,15 @@ class OpeningFit:
         wide_mm = reading_mm[1] - reading_mm[0]
         if abs(wide_mm) < 1.0:
             raise StepFailedError(
-                f"gauges of {thickness_mm[0]:g} and {thickness_mm[1]:g} mm read {reading_mm[0]:.1f}"
-                f" and {reading_mm[1]:.1f} mm: two gauges of different thickness are required"
+                say(
+                    "gauges of {thickness_mm:g} and {thickness_mm2:g} mm read "
+                    "{reading_mm:.1f} and {reading_mm2:.1f} mm: two gauges of "
+                    "different thickness are required",
+                    thickness_mm=thickness_mm[0],
+                    thickness_mm2=thickness_mm[1],
+                    reading_mm=reading_mm[0],
+                    reading_mm2=reading_mm[1],
+                )
             )
         scale = (thickness_mm[1] - thickness_mm[0]) / wide_mm
         return cls(thickness_mm[0] - scale * reading_mm[0], scale)
@@ -139,7 +147,9 @@ async def _arm_openings(bench: Bench, gauges: Sequence[_Gauge]) -> None:
             low=-ARM_OFF_MM,
             high=ARM_OFF_MM,
         )
-    _measure(bench, "arm gripper", OpeningFit.of([one.board.thickness_mm for one in gauges], read))
+    _measure(
+        bench, key("arm gripper"), OpeningFit.of([one.board.thickness_mm for one in gauges], read)
+    )
 
 
 async def _hold(bench: Bench, plate: _Gauge) -> None:
@@ -159,7 +169,7 @@ async def _fixed_openings(bench: Bench, gauges: Sequence[_Gauge]) -> OpeningFit:
         read.append(await take_in_fixed(bench, one.board, one.file, seed, PLATE_FORCE_N))
         await give_back_from_fixed(bench, one.file)
     found = OpeningFit.of([one.board.thickness_mm for one in gauges], read)
-    _measure(bench, "fixed gripper", found)
+    _measure(bench, key("fixed gripper"), found)
     return found
 
 
@@ -185,9 +195,14 @@ async def _touched(
     ways = columns(bench.layout, scene, end_mm)
     if len(ways) < COLUMNS_MIN:
         raise StepFailedError(
-            f"the arm reaches the plate in the fixed gripper along {len(ways)} free paths, "
-            f"{COLUMNS_MIN} are required; clear the space before the fixed gripper, or "
-            "check its pose and the obstacles in the cell file"
+            say(
+                "the arm reaches the plate in the fixed gripper along {ways_count} "
+                "free paths, {columns_min} are required; clear the space before "
+                "the fixed gripper, or check its pose and the obstacles in the "
+                "cell file",
+                ways_count=len(ways),
+                columns_min=COLUMNS_MIN,
+            )
         )
     await take_in_fixed(bench, board, plate.file, 6, PLATE_FORCE_N)
     try:
@@ -224,9 +239,14 @@ async def _touches(
     first = next((one for one in found if one.name == "touch 1.1"), None)
     if again is None or first is None or len(found) < TOUCHES_MIN:
         raise StepFailedError(
-            f"{len(found)} touches of one finger alone, {TOUCHES_MIN} are required: the "
-            "fixed gripper is farther from its pose in the cell file than the arm allows "
-            "for; measure its pose anew and enter it in the cell file"
+            say(
+                "{found_count} touches of one finger alone, {touches_min} are "
+                "required: the fixed gripper is farther from its pose in the cell "
+                "file than the arm allows for; measure its pose anew and enter it "
+                "in the cell file",
+                found_count=len(found),
+                touches_min=TOUCHES_MIN,
+            )
         )
     return found, (again.opening_mm - first.opening_mm) / 2.0
 

@@ -33,6 +33,7 @@ from controller.imaging import Camera
 from controller.setup.optics import build_camera, build_lamps, light_of, panel_corners
 from drivers.kinds import Camera as CameraDevice
 from drivers.kinds import TimedFrame
+from messages import say
 
 from ..bench import Bench
 from ..errors import StepFailedError
@@ -158,10 +159,17 @@ def _channels(
         seen[lamp] = seen_pattern([by_camera[camera] for camera in CAMERAS], unlit)
         if seen[lamp].max() < MIN_LIGHT:
             raise StepFailedError(
-                f"{lamp}: switched on, it gives {seen[lamp].max():.1f} grey levels in "
-                f"either picture, {MIN_LIGHT:g} at least are required: check its supply and "
-                f"wires, and that output {cell.lamps[lamp].analog} and relay "
-                f"{cell.lamps[lamp].relay} belong to the same lamp"
+                say(
+                    "{lamp}: switched on, it gives {max:.1f} grey levels in either "
+                    "picture, {min_light:g} at least are required: check its supply "
+                    "and wires, and that output {analog} and relay {relay} belong to "
+                    "the same lamp",
+                    lamp=lamp,
+                    max=seen[lamp].max(),
+                    min_light=MIN_LIGHT,
+                    analog=cell.lamps[lamp].analog,
+                    relay=cell.lamps[lamp].relay,
+                )
             )
     found = assign(seen, expected)
     for one in found:
@@ -313,4 +321,6 @@ async def _time_steady(
     try:
         return seconds_to_steady(np.array(delays), np.array(light))
     except TooFewSamplesError as error:
-        raise StepFailedError(f"{lamp}: {error}; check its driver") from error
+        raise StepFailedError(
+            say("{lamp}: {error}; check its driver", lamp=lamp, error=error)
+        ) from error

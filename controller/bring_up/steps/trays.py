@@ -27,6 +27,7 @@ from controller.config.calibrations import Calibration, Residual, TraysCalibrati
 from controller.planning.model import Tray
 from controller.planning.motion import Scene
 from controller.setup.measured_arm import measured_arm
+from messages import key, say
 
 from ..bench import Bench
 from ..errors import DeclinedError, StepFailedError
@@ -143,15 +144,15 @@ async def _look_over_obstacles(bench: Bench) -> None:
         Choice("measured", "each was measured in this cell, and nothing else stands there"),
         Choice(STOP, "end this step, correct the cell file"),
     )
-    key = await bench.person.choose(
+    answer = await bench.person.choose(
         "obstacles",
         "Paths are proven free only of the obstacles in the cell file. Compare it with the "
         f"cell: {'; '.join(listed)}. How are their positions known?",
         choices,
     )
-    if key == STOP:
-        raise DeclinedError("ended by a person: the cell file does not list all obstacles")
-    how = "measured in this cell" if key == "measured" else "as drawn, checked by eye"
+    if answer == STOP:
+        raise DeclinedError(key("ended by a person: the cell file does not list all obstacles"))
+    how = "measured in this cell" if answer == "measured" else "as drawn, checked by eye"
     bench.evidence.find(f"{len(listed)} obstacles, {how}: {'; '.join(listed)}")
 
 
@@ -202,9 +203,14 @@ class _Toucher:
         if not touches:
             x_mm, y_mm = tray.centre_mm
             raise StepFailedError(
-                f"tray {name}: the arm reaches none of its corners with its fingers down "
-                f"(its middle is at x {x_mm:.0f} y {y_mm:.0f} mm by the cell file); move "
-                "the tray, and correct the cell file"
+                say(
+                    "tray {name}: the arm reaches none of its corners with its fingers "
+                    "down (its middle is at x {x_mm:.0f} y {y_mm:.0f} mm by the cell "
+                    "file); move the tray, and correct the cell file",
+                    name=name,
+                    x_mm=x_mm,
+                    y_mm=y_mm,
+                )
             )
         if len(touches) == 1:
             self._bench.evidence.find(f"tray {name}: the arm reaches only one corner")
@@ -234,9 +240,15 @@ class _Toucher:
         off_mm = float(np.linalg.norm(at_mm[:2] - place[:2]))
         if off_mm > MAX_OFF_MM:
             raise StepFailedError(
-                f"tray {name}: its corner was touched {off_mm:.0f} mm from its position in "
-                f"the cell file, {MAX_OFF_MM:.0f} are allowed: it was another corner, or "
-                "the tray stands elsewhere; move it there or correct the cell file"
+                say(
+                    "tray {name}: its corner was touched {off_mm:.0f} mm from its "
+                    "position in the cell file, {max_off_mm:.0f} are allowed: it was "
+                    "another corner, or the tray stands elsewhere; move it there or "
+                    "correct the cell file",
+                    name=name,
+                    off_mm=off_mm,
+                    max_off_mm=MAX_OFF_MM,
+                )
             )
         return CornerTouch(corner, at_mm)
 
@@ -256,8 +268,11 @@ class _Toucher:
                 found.append(at_mm)
         if len(found) < 3:
             raise StepFailedError(
-                f"the arm reaches {len(found)} places of the drop area with its fingers "
-                "down, three are required; check the pose of the arm"
+                say(
+                    "the arm reaches {found_count} places of the drop area with its "
+                    "fingers down, three are required; check the pose of the arm",
+                    found_count=len(found),
+                )
             )
         return np.array(found)
 

@@ -26,6 +26,7 @@ from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration, VerificationRecord, VerifiedFigure
 from controller.imaging import Camera, inverse_pose, rotation_angle
 from controller.planning.motion import tcp_pose
+from messages import say
 
 from ..bench import Bench
 from ..boards import PlateInJaws, as_handed, board_file, load_plate
@@ -107,7 +108,7 @@ class VerifyStep:
             )
 
         for camera, off in plate_offs(bench, plate, pictures).items():
-            judge(f"{WHAT[camera]} position", off[:, 0], "mm", LIMIT_MM)
+            judge(say("{what} position", what=WHAT[camera]), off[:, 0], "mm", LIMIT_MM)
             judge(f"{WHAT[camera]} direction", off[:, 1], "deg", LIMIT_DEG)
         is_measured = "fixed_gripper" in bench.cell.calibration
         limit_mm, limit_deg = HAND_OFF_LIMITS if is_measured else HAND_OFF_LIMITS_DRAWN
@@ -151,8 +152,13 @@ async def _look_round(held: PlateInJaws) -> list[BoardPicture]:
                 found.append(picture)
         if len(found) < LOOKS_MIN:
             raise StepFailedError(
-                f"the plate was found in {len(found)} pictures of the {camera} camera, "
-                f"{LOOKS_MIN} are required; see which were left out, and why"
+                say(
+                    "the plate was found in {found_count} pictures of the {camera} "
+                    "camera, {looks_min} are required; see which were left out, and why",
+                    found_count=len(found),
+                    camera=camera,
+                    looks_min=LOOKS_MIN,
+                )
             )
         pictures += found
     return pictures
@@ -181,7 +187,7 @@ def holds_of(bench: Bench, board: BoardSection, pictures: Sequence[BoardPicture]
             raise StepFailedError(f"{one.name}: {error}") from error
         T_world_body = camera.T_world_cam @ T_cam_board @ inverse_pose(faces[one.face].T_body_board)
         if one.q is None:
-            raise StepFailedError(f"{one.name}: the joints were not read")
+            raise StepFailedError(say("{name}: the joints were not read", name=one.name))
         holds.append(inverse_pose(tcp_pose(bench.layout, one.q)) @ T_world_body)
     return np.array(holds)
 

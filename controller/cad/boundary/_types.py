@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, FloatArray, Int32Array
+from messages import say
 
 FaceKind = Literal["plane", "cylinder", "cone", "sphere", "torus", "freeform"]
 
@@ -75,14 +76,26 @@ class Face:
         match self.kind:
             case "cylinder" if self.turn_rad < HALF_TURN_RAD:
                 name = "fillet" if self.concave else "round"
-                return f"F{self.id} {name} R{self.radius_mm:.1f} mm"
+                return say(
+                    "F{id} {name} R{radius_mm:.1f} mm",
+                    id=self.id,
+                    name=name,
+                    radius_mm=self.radius_mm,
+                )
             case "cylinder":
                 name = "bore" if self.concave else "boss"
-                return f"F{self.id} {name} {2 * self.radius_mm:.1f} mm"
+                return say(
+                    "F{id} {name} {radius_mm:.1f} mm",
+                    id=self.id,
+                    name=name,
+                    radius_mm=2 * self.radius_mm,
+                )
             case "sphere":
-                return f"F{self.id} sphere {2 * self.radius_mm:.1f} mm"
+                return say(
+                    "F{id} sphere {radius_mm:.1f} mm", id=self.id, radius_mm=2 * self.radius_mm
+                )
             case _:
-                return f"F{self.id} {self.kind}"
+                return say("F{id} {kind}", id=self.id, kind=self.kind)
 
 
 class Curve(IntEnum):

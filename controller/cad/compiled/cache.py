@@ -15,6 +15,7 @@ import numpy as np
 from controller.cache import DiskCache, digest_of, source_hash, versions
 from controller.config import STEP_FORMATS, split_cad
 from controller.config.cad_files import MARK, MAX_CAD_BYTES
+from messages import key
 
 from ..reading import digests_of
 from ..solid import Solid
@@ -48,7 +49,7 @@ def load_part(
     ------
     CadError : as in `load_solid`
     """
-    on_stage("looking into the cache")
+    on_stage(key("looking into the cache"))
     return cached_part(path, options, cache) or make_part(path, options, cache, on_stage)
 
 
@@ -109,7 +110,7 @@ def make_part(
     if file is None or file != _file_of(path, options, cache):
         # the CAD file was written to meanwhile: what was read may be either
         return _sampled(part, options, None)
-    on_stage("keeping what was found")
+    on_stage(key("keeping what was found"))
     part_cache().save(file, part)
     # what the next start will get, so that the first run and the second are the same
     return _sampled(part_cache().load(file) or part, options, file)

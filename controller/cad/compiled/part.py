@@ -8,6 +8,7 @@ import numpy as np
 
 from controller.arrays import IntArray
 from controller.config import STEP_FORMATS, split_cad
+from messages import key, say, say_counted
 
 from ..boundary import euler_defect, face_genera
 from ..large import drop_derived
@@ -147,16 +148,24 @@ class CompiledPart:
         found = list(self.warnings)
         if not self.solid.unit_is_declared:
             found.append(
-                f"The file names no unit; its lengths are taken as {self.solid.unit}. "
-                "Declare the unit with --unit, or in the recipe with unit:"
+                say(
+                    "The file names no unit; its lengths are taken as {unit}. Declare "
+                    "the unit with --unit, or in the recipe with unit:",
+                    unit=self.solid.unit,
+                )
             )
         counted = count_caution(self.samples, self.smallest_defect_mm)
         if counted:
             found.append(counted)
         if self.euler_defect:
-            found.append(f"Surfaces and edges do not add up (Euler: {self.euler_defect:+d}).")
+            found.append(
+                say(
+                    "Surfaces and edges do not add up (Euler: {euler_defect:+d}).",
+                    euler_defect=self.euler_defect,
+                )
+            )
         if not any(not pose.rolling for pose in self.poses):
-            found.append("The part rolls in every pose; it cannot be picked at rest.")
+            found.append(key("The part rolls in every pose; it cannot be picked at rest."))
         return tuple(found)
 
     def density_g_cm3(self, asked: float | None = None) -> float:
@@ -171,12 +180,21 @@ class CompiledPart:
                 turn = (
                     "all round"
                     if family.arc_rad >= 2 * np.pi - 1e-6
-                    else (f"over {np.degrees(family.arc_rad):.0f} deg")
+                    else (say("over {degrees:.0f} deg", degrees=np.degrees(family.arc_rad)))
                 )
                 shape = {"other": "a curve"}.get(family.kind, f"a {family.kind}")
-                found.append(f"rolls {turn} on {shape} of {len(family.downs)} strips")
+                found.append(
+                    say(
+                        "rolls {turn} on {shape} of {downs_count} strips",
+                        turn=turn,
+                        shape=shape,
+                        downs_count=len(family.downs),
+                    )
+                )
         if not pose.is_distinct:
-            found.append(f"the same as pose {pose.same_as} by a symmetry of the part")
+            found.append(
+                say("the same as pose {same_as} by a symmetry of the part", same_as=pose.same_as)
+            )
         for evidence, what in (("edges", "outline and edges"), ("outline", "outline")):
             others = [
                 pair.other if pose.index == pair.pose else pair.pose
@@ -184,7 +202,15 @@ class CompiledPart:
                 if pair.evidence == evidence and pose.index in (pair.pose, pair.other)
             ]
             if others:
-                found.append(f"{what} as of pose{'s' if len(others) > 1 else ''} {_few(others)}")
+                found.append(
+                    say_counted(
+                        "{what} as of pose {few}",
+                        "{what} as of poses {few}",
+                        count=len(others),
+                        what=what,
+                        few=_few(others),
+                    )
+                )
         return tuple(found)
 
 
@@ -193,7 +219,9 @@ def _few(poses: Sequence[int]) -> str:
     ids = [str(pose) for pose in sorted(poses)]
     if len(ids) <= MAX_NAMED + 1:  # "and 1 more" is no shorter
         return ", ".join(ids)
-    return f"{', '.join(ids[:MAX_NAMED])} and {len(ids) - MAX_NAMED} more"
+    return say(
+        "{ids} and {ids_count} more", ids=", ".join(ids[:MAX_NAMED]), ids_count=len(ids) - MAX_NAMED
+    )
 
 
 def compile_part(
@@ -235,13 +263,16 @@ def compile_solid(
     options = options or CompileOptions()
     if not solid.faces_are_complete:
         warnings += (
-            "Which surfaces are cylinders, cones, spheres and tori is not worked out to the end: "
-            "some of them may count as free-form.",
+            key(
+                "Which surfaces are cylinders, cones, spheres and tori is not worked out to "
+                "the end: "
+                "some of them may count as free-form."
+            ),
         )
-    on_stage("finding symmetries")
+    on_stage(key("finding symmetries"))
     symmetry = part_symmetries(solid)
     drop_derived(solid.mesh)
-    on_stage("finding stable poses")
+    on_stage(key("finding stable poses"))
     found = find_resting(solid)
     drop_derived(solid.mesh)
     pose_count = len(found.poses)
@@ -249,20 +280,31 @@ def compile_solid(
     if len(found.poses) < pose_count:
         share = 100 * sum(pose.probability for pose in found.poses)
         warnings += (
-            f"Of {pose_count} stable poses the {len(found.poses)} likeliest are worked out, "
-            f"{share:.0f} % of all; a part in another one is not recognised.",
+            say(
+                "Of {pose_count} stable poses the {poses_count} likeliest are "
+                "worked out, {share:.0f} % of all; a part in another one is not "
+                "recognised.",
+                pose_count=pose_count,
+                poses_count=len(found.poses),
+                share=share,
+            ),
         )
     resting = replace(found, poses=name_duplicates(found.poses, symmetry))
     views = _views(solid, resting.poses, on_stage)
-    on_stage("comparing stable poses")
+    on_stage(key("comparing stable poses"))
     alike = search_look_alikes(solid, resting.poses, views, max_compared=options.max_compared)
     drop_derived(solid.mesh)
     if alike.pose_count < len(resting.poses):
         warnings += (
-            f"Which stable poses look alike is not worked out beyond the {alike.pose_count} "
-            f"likeliest of {len(resting.poses)}: a rarer one may be taken for another.",
+            say(
+                "Which stable poses look alike is not worked out beyond the "
+                "{pose_count} likeliest of {poses_count}: a rarer one may be taken "
+                "for another.",
+                pose_count=alike.pose_count,
+                poses_count=len(resting.poses),
+            ),
         )
-    on_stage("sampling surfaces, finding features")
+    on_stage(key("sampling surfaces, finding features"))
     return CompiledPart(
         solid=solid,
         resting=resting,
@@ -283,11 +325,17 @@ def spacing_of(solid: Solid, asked_mm: float) -> float:
 
 
 def _views(solid: Solid, poses: Sequence[StablePose], on_stage: OnStage) -> tuple[LineView, ...]:
-    on_stage("finding edges")
+    on_stage(key("finding edges"))
     prepared = prepare_views(solid)
     views = []
     for number, pose in enumerate(poses, 1):
-        on_stage(f"drawing stable pose {number} of {len(poses)}")
+        on_stage(
+            say(
+                "drawing stable pose {number} of {poses_count}",
+                number=number,
+                poses_count=len(poses),
+            )
+        )
         views.append(line_view(solid, pose.R, prepared=prepared))
     del prepared
     drop_derived(solid.mesh)
@@ -312,7 +360,7 @@ def _read(
     source = split_cad(path)
     if source.ending not in STEP_FORMATS:
         return load_solid(path, unit=unit, on_stage=on_stage), (), ()
-    on_stage("reading the file")
+    on_stage(key("reading the file"))
     from ..reading.step.files import (
         read_step_part,  # slow to import, and only needed here
     )

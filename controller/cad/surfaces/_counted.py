@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from controller.arrays import FloatArray, IntArray
+from messages import say
 
 from ..solid import Solid
 from ._samples import SurfaceSamples, by_face, face_areas_mm2, placed_samples
@@ -96,10 +97,13 @@ def count_caution(samples: SurfaceSamples, smallest_mm: float) -> str:
     counted_mm = counted_defect_mm(samples, smallest_mm)
     if counted_mm <= smallest_mm:
         return ""
-    return (
-        f"Coverage is counted by {len(samples.points_mm):,} points, no more than memory has room "
-        f"for: a spot of {counted_mm:.2g} mm or more cannot be missed by them, one of "
-        f"{smallest_mm:g} mm can."
+    return say(
+        "Coverage is counted by {points_mm_count:,} points, no more than "
+        "memory has room for: a spot of {counted_mm:.2g} mm or more cannot "
+        "be missed by them, one of {smallest_mm:g} mm can.",
+        points_mm_count=len(samples.points_mm),
+        counted_mm=counted_mm,
+        smallest_mm=smallest_mm,
     )
 
 

@@ -10,6 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from controller.arrays import FloatArray
+from messages import key, say
 
 from ..boundary import Crease, Face
 from ..solid import Solid
@@ -75,19 +76,46 @@ class Feature:
         """The name that people use, as in ``hole 8.0 mm through``."""
         match self.kind:
             case "hole":
-                depth = "through" if self.is_through else f"{self.depth_mm:.1f} mm deep"
+                depth = (
+                    "through"
+                    if self.is_through
+                    else say("{depth_mm:.1f} mm deep", depth_mm=self.depth_mm)
+                )
                 stepped = len([s for s in self.steps if s.kind == "cylinder"]) > 1
-                return f"{'stepped hole' if stepped else 'hole'} {self.diameter_mm:.1f} mm {depth}"
+                return say(
+                    "{what} {diameter_mm:.1f} mm {depth}",
+                    what=key("stepped hole") if stepped else "hole",
+                    diameter_mm=self.diameter_mm,
+                    depth=depth,
+                )
             case "slot" | "keyway" | "pocket" | "opening":
                 # a groove that runs through has a floor all the same
-                depth = f"{self.depth_mm:.1f} mm deep{', through' if self.is_through else ''}"
-                return f"{self.kind} {self.width_mm:.1f} x {self.length_mm:.1f} mm, {depth}"
+                depth = say(
+                    "{depth_mm:.1f} mm deep{what}",
+                    depth_mm=self.depth_mm,
+                    what=key(", through") if self.is_through else "",
+                )
+                return say(
+                    "{kind} {width_mm:.1f} x {length_mm:.1f} mm, {depth}",
+                    kind=self.kind,
+                    width_mm=self.width_mm,
+                    length_mm=self.length_mm,
+                    depth=depth,
+                )
             case "boss":
-                return f"boss {self.diameter_mm:.1f} mm, {self.depth_mm:.1f} mm high"
+                return say(
+                    "boss {diameter_mm:.1f} mm, {depth_mm:.1f} mm high",
+                    diameter_mm=self.diameter_mm,
+                    depth_mm=self.depth_mm,
+                )
             case "chamfer":
-                return f"chamfer {self.width_mm:.1f} mm wide"
+                return say("chamfer {width_mm:.1f} mm wide", width_mm=self.width_mm)
             case "fillet":
-                return f"{'fillet' if self.is_concave else 'round'} R{self.diameter_mm / 2:.1f} mm"
+                return say(
+                    "{word} R{diameter_mm:.1f} mm",
+                    word="fillet" if self.is_concave else "round",
+                    diameter_mm=self.diameter_mm / 2,
+                )
 
 
 def find_features(solid: Solid) -> tuple[Feature, ...]:

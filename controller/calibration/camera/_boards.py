@@ -12,6 +12,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.imaging import sample_picture
+from messages import key, say
 
 from ._corners import refine_corners
 from ._types import Charuco, Chessboard, FoundBoard, Target
@@ -95,8 +96,12 @@ def _search(grey: Grey, columns: int, rows: int) -> FloatArray:
         if np.ptp(cv2.GaussianBlur(grey, (0, 0), 2)) < 12:
             break  # an even grey has no board in any size
     raise NoBoardError(
-        f"no chessboard with {columns} x {rows} inner corners; all of it must be in the picture, "
-        "with a white border"
+        say(
+            "no chessboard with {columns} x {rows} inner corners; all of it "
+            "must be in the picture, with a white border",
+            columns=columns,
+            rows=rows,
+        )
     )
 
 
@@ -120,15 +125,23 @@ def _right_way_up(grey: Grey, grid: FloatArray, target: Chessboard) -> FloatArra
     contrast = _pattern(brightness[inner], sign[inner])
     if _alternating(brightness[inner], sign[inner]) < _ALTERNATING_MIN:
         raise NoBoardError(
-            f"the pattern found does not alternate as {columns} x {rows} inner corners would; "
-            "check inner_corners in the target file"
+            say(
+                "the pattern found does not alternate as {columns} x {rows} inner "
+                "corners would; check inner_corners in the target file",
+                columns=columns,
+                rows=rows,
+            )
         )
     for beyond in (np.s_[0, 1:-1], np.s_[-1, 1:-1], np.s_[1:-1, 0], np.s_[1:-1, -1]):
         more = _pattern(brightness[beyond], sign[beyond]) / contrast
         if seen[beyond].all() and more > _CONTINUES:
             raise NoBoardError(
-                f"the board has more than {columns} x {rows} inner corners; correct inner_corners "
-                "in the target file"
+                say(
+                    "the board has more than {columns} x {rows} inner corners; correct "
+                    "inner_corners in the target file",
+                    columns=columns,
+                    rows=rows,
+                )
             )
     if target.has_one_way_up and contrast < 0:
         grid = grid[::-1, ::-1]
@@ -199,8 +212,11 @@ def _charuco(grey: Grey, target: Charuco) -> FoundBoard:
             break
     if len(seen) < _CORNERS_MIN:
         raise NoBoardError(
-            f"{len(seen)} corners of the ChArUco board were found; check squares, dictionary and "
-            "legacy_pattern, or show more of it"
+            say(
+                "{seen_count} corners of the ChArUco board were found; check "
+                "squares, dictionary and legacy_pattern, or show more of it",
+                seen_count=len(seen),
+            )
         )
     best_ids, best = np.array(list(seen)), np.array(list(seen.values()))
     order = np.argsort(best_ids)
@@ -212,7 +228,7 @@ def _charuco(grey: Grey, target: Charuco) -> FoundBoard:
     straight = np.linalg.matrix_rank(board_mm - board_mm.mean(axis=0), tol=1e-6) < 2
     homography = None if straight else _homography(board_mm, best)
     if homography is None:
-        raise NoBoardError("the ChArUco corners found are on one line; show more of the board")
+        raise NoBoardError(key("the ChArUco corners found are on one line; show more of the board"))
     there, axes = _through(homography, board_mm, target.square_mm)
     side_px = np.linalg.norm(axes, axis=2).max(axis=1)
     near = np.linalg.norm(best - there, axis=1) < _STRAY_SQUARES * side_px
@@ -250,8 +266,12 @@ def _measured(
     fitted, blur, sound = refine_corners(grey, pixels, axes, marker_gap=gap)
     if _few(sound):
         raise NoBoardError(
-            f"{int(sound.sum())} of {len(sound)} corners are sharp enough to be measured; focus, "
-            "light evenly, keep the board still"
+            say(
+                "{sum} of {sound_count} corners are sharp enough to be measured; "
+                "focus, light evenly, keep the board still",
+                sum=int(sound.sum()),
+                sound_count=len(sound),
+            )
         )
     side = float(np.linalg.norm(axes[sound], axis=2).min())
     return FoundBoard(board_mm[sound], fitted[sound], side, float(np.median(blur[sound])))

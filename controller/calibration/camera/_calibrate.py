@@ -8,6 +8,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 from controller.imaging import Camera, inverse_pose
+from messages import key
 
 from ._lens import PINHOLE, likeliest
 from ._types import (
@@ -76,8 +77,10 @@ def calibrate(
         found = spread(fit, held)
     except np.linalg.LinAlgError as error:
         raise CalibrationError(
-            "the boards do not determine the camera; add pictures of the board "
-            "tilted by 15 to 30 deg in different directions, all over the picture"
+            key(
+                "the boards do not determine the camera; add pictures of the board "
+                "tilted by 15 to 30 deg in different directions, all over the picture"
+            )
         ) from error
     hull_px = hull_of(views)
     calibration = _described(size_px, world, fit, found, held, weights, residuals, hull_px)

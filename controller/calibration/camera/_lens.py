@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
+from messages import key
 
 from ._types import PARAMETERS, CalibrationError, View, WorldFrame
 from .solve import CalibrationFit, solve
@@ -62,8 +63,11 @@ def likeliest(
         if _reaches_the_corners(fit.solution.intrinsics, size_px):
             return fit
     raise CalibrationError(
-        "no lens agrees with these boards; check `inner_corners` or `squares`, and that focus and "
-        "zoom were left alone"
+        key(
+            "no lens agrees with these boards; check `inner_corners` or `squares`, and that "
+            "focus and "
+            "zoom were left alone"
+        )
     )
 
 

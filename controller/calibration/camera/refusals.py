@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from controller.arrays import FloatArray
+from messages import key, say
 
 from ._types import (
     CalibratedCamera,
@@ -17,7 +18,7 @@ from ._types import (
     WorldFrame,
 )
 
-_TILT_MORE = "add pictures of the board tilted by 15 to 30 deg, each in another direction"
+_TILT_MORE = key("add pictures of the board tilted by 15 to 30 deg, each in another direction")
 
 
 def hull_of(views: Sequence[View]) -> FloatArray:
@@ -56,28 +57,47 @@ def check_views(
     for view in views:
         if len(view.board.pixels) < limits.corners_min:
             raise CalibrationError(
-                f"{view.name} shows {len(view.board.pixels)} corners of the board, "
-                f"{limits.corners_min} are needed; take the picture again or leave it out"
+                say(
+                    "{name} shows {pixels_count} corners of the board, {corners_min} "
+                    "are needed; take the picture again or leave it out",
+                    name=view.name,
+                    pixels_count=len(view.board.pixels),
+                    corners_min=limits.corners_min,
+                )
             )
     if len(views) < limits.boards_min:
         raise CalibrationError(
-            f"boards found in {len(views)} pictures, {limits.boards_min} are needed and ten are "
-            "better; take more"
+            say(
+                "boards found in {views_count} pictures, {boards_min} are needed "
+                "and ten are better; take more",
+                views_count=len(views),
+                boards_min=limits.boards_min,
+            )
         )
     tilted_count = len(views) - len(flat)
     if tilted_count < limits.tilted_min:
         raise CalibrationError(
-            f"{tilted_count} of the boards found are tilted, at least {limits.tilted_min} are "
-            "required: on flat boards alone, a long lens and a high camera look the same; "
-            f"{_TILT_MORE}"
+            say(
+                "{tilted_count} of the boards found are tilted, at least "
+                "{tilted_min} are required: on flat boards alone, a long lens and "
+                "a high camera look the same; {tilt_more}",
+                tilted_count=tilted_count,
+                tilted_min=limits.tilted_min,
+                tilt_more=_TILT_MORE,
+            )
         )
     coverage = area_px(hull_of(views)) / (size_px[0] * size_px[1])
     if coverage < limits.coverage_min:
         u, v = np.vstack([view.board.pixels for view in views]).mean(axis=0) / size_px
         raise CalibrationError(
-            f"the boards cover {100 * coverage:.0f} % of the picture, {_where(u, v)}; "
-            f"{100 * limits.coverage_min:.0f} % are needed, since the lens is a guess elsewhere; "
-            "put boards into the empty areas"
+            say(
+                "the boards cover {coverage:.0f} % of the picture, {where}; "
+                "{coverage_min:.0f} % are needed, since the lens is a guess "
+                "elsewhere; put boards into the empty areas",
+                coverage=100 * coverage,
+                where=_where(u, v),
+                coverage_min=100 * limits.coverage_min,
+            )
         )
 
 
@@ -102,20 +122,34 @@ def check_placed(
     tilt = np.arccos(np.clip(normals @ (up / np.linalg.norm(up)), -1, 1))
     for view, flat, angle in zip(views, is_flat, tilt, strict=True):
         if flat and angle > limits.flat_max_rad:
-            others = "the other flat boards" if is_flat.sum() > 2 else "another flat board"
+            others = (
+                key("the other flat boards") if is_flat.sum() > 2 else key("another flat board")
+            )
             raise CalibrationError(
-                f"{view.name} is listed as flat, but is tilted {np.degrees(angle):.1f} deg off "
-                f"{others}; correct `placed` in the target file, or take the picture again "
-                "(squares that are not square look the same)"
+                say(
+                    "{name} is listed as flat, but is tilted {degrees:.1f} deg off "
+                    "{others}; correct `placed` in the target file, or take the "
+                    "picture again (squares that are not square look the same)",
+                    name=view.name,
+                    degrees=np.degrees(angle),
+                    others=others,
+                )
             )
     steep = int((tilt[~is_flat] > limits.tilt_min_rad).sum())
     if steep < limits.tilted_min:
         most = np.degrees(tilt[~is_flat].max())
         raise CalibrationError(
-            f"the boards listed as tilted stand at most {most:.1f} deg off the table; {steep} of "
-            f"them stand more than {np.degrees(limits.tilt_min_rad):.0f} deg off, "
-            f"{limits.tilted_min} are required: with less tilt, a long lens and a high camera look "
-            f"the same; {_TILT_MORE}"
+            say(
+                "the boards listed as tilted stand at most {most:.1f} deg off the "
+                "table; {steep} of them stand more than {degrees:.0f} deg off, "
+                "{tilted_min} are required: with less tilt, a long lens and a high "
+                "camera look the same; {tilt_more}",
+                most=most,
+                steep=steep,
+                degrees=np.degrees(limits.tilt_min_rad),
+                tilted_min=limits.tilted_min,
+                tilt_more=_TILT_MORE,
+            )
         )
 
 
@@ -142,22 +176,36 @@ def check_fit(
     limit_px = min(limits.rms_max_px, limits.rms_max_squares * square_px)
     if worst.rms_px > limits.picture_rms_ratio_max * usual and worst.rms_px > limit_px / 4:
         raise CalibrationError(
-            f"{worst.name} disagrees with the other pictures: its corners are "
-            f"{worst.rms_px:.2f} px off, those of the others {usual:.2f} px. Did the board or "
-            "the camera move, was the board bent or not flat, or is `placed` wrong? Take the "
-            "picture again or leave it out"
+            say(
+                "{name} disagrees with the other pictures: its corners are "
+                "{rms_px:.2f} px off, those of the others {usual:.2f} px. Did the "
+                "board or the camera move, was the board bent or not flat, or is "
+                "`placed` wrong? Take the picture again or leave it out",
+                name=worst.name,
+                rms_px=worst.rms_px,
+                usual=usual,
+            )
         )
     if usual > limit_px:
         raise CalibrationError(
-            f"the corners are {usual:.2f} px off what any camera would show; at most "
-            f"{limit_px:.2f} px are plausible. Check that the pictures are sharp, the board plane "
-            "and its squares square, that `inner_corners` or `squares` is right, and that nobody "
-            "touched focus or zoom"
+            say(
+                "the corners are {usual:.2f} px off what any camera would show; at "
+                "most {limit_px:.2f} px are plausible. Check that the pictures are "
+                "sharp, the board plane and its squares square, that "
+                "`inner_corners` or `squares` is right, and that nobody touched "
+                "focus or zoom",
+                usual=usual,
+                limit_px=limit_px,
+            )
         )
     if outliers > limits.outliers_max * corners:
         raise CalibrationError(
-            f"{outliers} of {corners} corners do not agree with the others; clean the board and "
-            "light it evenly, without reflections"
+            say(
+                "{outliers} of {corners} corners do not agree with the others; "
+                "clean the board and light it evenly, without reflections",
+                outliers=outliers,
+                corners=corners,
+            )
         )
 
 
@@ -172,9 +220,14 @@ def check_uncertainty(calibration: CalibratedCamera, limits: CalibrationLimits) 
     relative = max(calibration.std["fx"] / fx, calibration.std["fy"] / fy)
     if not relative < limits.focal_std_max or not calibration.condition < limits.condition_max:
         raise CalibrationError(
-            f"focal length and height over the table cannot be told apart (focal length known to "
-            f"{100 * relative:.1f} %, the limit is {100 * limits.focal_std_max:.0f} %); "
-            f"{_TILT_MORE}"
+            say(
+                "focal length and height over the table cannot be told apart "
+                "(focal length known to {relative:.1f} %, the limit is "
+                "{focal_std_max:.0f} %); {tilt_more}",
+                relative=100 * relative,
+                focal_std_max=100 * limits.focal_std_max,
+                tilt_more=_TILT_MORE,
+            )
         )
     table = calibration.table[0]
     camera = calibration.camera
@@ -185,9 +238,18 @@ def check_uncertainty(calibration: CalibratedCamera, limits: CalibrationLimits) 
     if not (table.covered_worst_mm < limit_mm and table.worst_mm < beyond_mm):
         where = _where(table.worst_at_px[0] / width, table.worst_at_px[1] / height)
         raise CalibrationError(
-            f"positions on the table would be uncertain by {table.covered_worst_mm:.2f} mm between "
-            f"the boards and by {table.worst_mm:.2f} mm {where}; the limits are {limit_mm:.2f} mm "
-            f"and {beyond_mm:.2f} mm. Add pictures with the board there, flat and tilted"
+            say(
+                "positions on the table would be uncertain by "
+                "{covered_worst_mm:.2f} mm between the boards and by "
+                "{worst_mm:.2f} mm {where}; the limits are {limit_mm:.2f} mm and "
+                "{beyond_mm:.2f} mm. Add pictures with the board there, flat and "
+                "tilted",
+                covered_worst_mm=table.covered_worst_mm,
+                worst_mm=table.worst_mm,
+                where=where,
+                limit_mm=limit_mm,
+                beyond_mm=beyond_mm,
+            )
         )
 
 
@@ -196,7 +258,7 @@ def _where(u: float, v: float) -> str:
     column = "left" if u < 0.4 else "right" if u > 0.6 else ""
     row = "upper" if v < 0.4 else "lower" if v > 0.6 else ""
     if row and column:
-        return f"at the {row} {column}"
+        return say("at the {row} {column}", row=row, column=column)
     if row or column:
-        return f"in the {row or column} half"
-    return "about the middle"
+        return say("in the {row} half", row=row or column)
+    return key("about the middle")

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from controller.arrays import FloatArray
 from controller.imaging import inverse_pose
+from messages import key
 
 from ._types import PARAMETERS, CalibrationError, PlacedBoard, View, WorldFrame
 
@@ -111,8 +112,10 @@ def start(
         )
     except cv2.error as error:
         raise CalibrationError(
-            "no camera fits these boards; check inner_corners and that the pictures are of one "
-            "camera at one focus"
+            key(
+                "no camera fits these boards; check inner_corners and that the pictures are of one "
+                "camera at one focus"
+            )
         ) from error
     intrinsics = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *np.ravel(distortion)[:5]])
     T_cam_boards = [

@@ -14,6 +14,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.imaging.edges import measure_edges
+from messages import key, say
 
 from ..kinematics import CellFit, KinematicsFault
 from ..kinematics.noise import Whitening
@@ -116,9 +117,14 @@ class TcpFit:
         return (
             KinematicsFault(
                 "pads_missing",
-                "arm gripper",
-                f"the jaws are {self.jaw_zero_mm:.1f} mm wider open than their counter means, "
-                f"{limit_mm:g} mm are allowed; pads are missing or worn, fit them and repeat",
+                key("arm gripper"),
+                say(
+                    "the jaws are {jaw_zero_mm:.1f} mm wider open than their counter "
+                    "means, {limit_mm:g} mm are allowed; pads are missing or worn, fit "
+                    "them and repeat",
+                    jaw_zero_mm=self.jaw_zero_mm,
+                    limit_mm=limit_mm,
+                ),
             ),
         )
 
@@ -221,7 +227,13 @@ def locate_tcp(
     FingersError : too few looks, or too few edges in them
     """
     if len(looks) < _LOOKS_MIN:
-        raise FingersError(f"{len(looks)} looks at the fingers, {_LOOKS_MIN} are required")
+        raise FingersError(
+            say(
+                "{looks_count} looks at the fingers, {looks_min} are required",
+                looks_count=len(looks),
+                looks_min=_LOOKS_MIN,
+            )
+        )
     size = fit.layout.size
     cov = np.zeros((size + 2, size + 2))
     cov[:size, :size] = fit.cov
@@ -244,8 +256,13 @@ def locate_tcp(
         count = sum(len(e) for e in errors)
         if count < _RAYS_MIN:
             raise FingersError(
-                f"{count} points of the fingers' edges were found, {_RAYS_MIN} are required; light "
-                "the panel behind them evenly and keep both fingers in the picture"
+                say(
+                    "{count} points of the fingers' edges were found, {rays_min} are "
+                    "required; light the panel behind them evenly and keep both "
+                    "fingers in the picture",
+                    count=count,
+                    rays_min=_RAYS_MIN,
+                )
             )
         jac, seen = np.vstack(rows), np.concatenate(off)
         across = jac @ cov
@@ -292,8 +309,8 @@ def _predicted(
 
     by = np.zeros((len(points), layout.size + 2))
     by[:, -1] = 1.0
-    for key in (f"{camera}.lens", camera, "base", "arm"):
-        at = layout.where(key)
+    for name in (f"{camera}.lens", camera, "base", "arm"):
+        at = layout.where(name)
         for i in range(at.start, at.stop):
             d = np.zeros(layout.size)
             d[i] = _STEP * layout.std[i]

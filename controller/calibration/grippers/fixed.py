@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
+from messages import say
 
 from ..kinematics.layout import POSE, moved
 from ..kinematics.uncertainty import radius_u
@@ -192,7 +193,12 @@ def _check(touches: Sequence[Touch], off_sigma: FloatArray) -> None:
     worst = int(np.abs(off_sigma).argmax())
     if abs(off_sigma[worst]) > _OUTLIER_SIGMA:
         raise TouchError(
-            f"{touches[worst].name} is {abs(off_sigma[worst]):.0f} standard deviations off the "
-            f"plane of the other touches, {_OUTLIER_SIGMA:g} are allowed; something else was "
-            "touched, or the plate moved: clean the pads, repeat it"
+            say(
+                "{name} is {off_sigma:.0f} standard deviations off the plane of "
+                "the other touches, {outlier_sigma:g} are allowed; something else "
+                "was touched, or the plate moved: clean the pads, repeat it",
+                name=touches[worst].name,
+                off_sigma=abs(off_sigma[worst]),
+                outlier_sigma=_OUTLIER_SIGMA,
+            )
         )

@@ -18,6 +18,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 from controller.imaging import Camera
+from messages import say
 
 from ..camera import FoundBoard
 from ._types import BoardPicture, CellPrior, KinematicsError
@@ -136,8 +137,13 @@ def board_again(
     ]
     if len(pairs) < _CORNERS_MIN:
         raise KinematicsError(
-            f"{name}: the board at its mark shows {len(pairs)} corners in both pictures, "
-            f"{_CORNERS_MIN} are required; take away what covers it"
+            say(
+                "{name}: the board at its mark shows {pairs_count} corners in both "
+                "pictures, {corners_min} are required; take away what covers it",
+                name=name,
+                pairs_count=len(pairs),
+                corners_min=_CORNERS_MIN,
+            )
         )
     here, there = np.array(pairs).T
     before = camera.on_plane(first.pixels[here], height_mm)[:, :2] @ (1.0, 1j)
@@ -154,11 +160,20 @@ def board_again(
         fault = KinematicsFault(
             "camera_moved",
             name,
-            f"the camera {name} was moved while pictures were taken: it sees the board at its "
-            f"mark {moved_mm:.1f} mm and {degrees(turned):.2f} deg from where it saw it first, and "
-            f"{100 * grown:+.2f} % larger ({limits.moved_mm:g} mm, {degrees(limits.moved_rad):.1f} "
-            f"deg, {100 * limits.again_scale:g} % are allowed). Screw it tight, see that the board "
-            "lies at its pins, repeat the step",
+            say(
+                "the camera {name} was moved while pictures were taken: it sees "
+                "the board at its mark {moved_mm:.1f} mm and {turned:.2f} deg from "
+                "where it saw it first, and {grown:+.2f} % larger ({moved_mm2:g} "
+                "mm, {moved_rad:.1f} deg, {again_scale:g} % are allowed). Screw it "
+                "tight, see that the board lies at its pins, repeat the step",
+                name=name,
+                moved_mm=moved_mm,
+                turned=degrees(turned),
+                grown=100 * grown,
+                moved_mm2=limits.moved_mm,
+                moved_rad=degrees(limits.moved_rad),
+                again_scale=100 * limits.again_scale,
+            ),
         )
     return BoardAgain(moved_mm, turned, grown, fault)
 
@@ -168,8 +183,13 @@ def _backlash(play: Mapping[str, Play], limits: FaultLimits) -> tuple[Kinematics
         KinematicsFault(
             "backlash",
             motor,
-            f"the gears of {motor} have {degrees(one.rad):.2f} deg of play, "
-            f"{degrees(limits.play_rad):.2f} deg are allowed; tighten or replace them",
+            say(
+                "the gears of {motor} have {rad:.2f} deg of play, {play_rad:.2f} "
+                "deg are allowed; tighten or replace them",
+                motor=motor,
+                rad=degrees(one.rad),
+                play_rad=degrees(limits.play_rad),
+            ),
         )
         for motor, one in play.items()
         if one.rad - 2.0 * one.u_rad > limits.play_rad
@@ -216,8 +236,12 @@ def _scaled(
                 KinematicsFault(
                     "board_file",
                     name,
-                    f"the squares of {name} are {1 + scale:.3f} times as large as its file has "
-                    "them; that is another board's file",
+                    say(
+                        "the squares of {name} are {scale:.3f} times as large as its file "
+                        "has them; that is another board's file",
+                        name=name,
+                        scale=1 + scale,
+                    ),
                 )
             )
         else:
@@ -382,8 +406,14 @@ def _odd_pictures(fit: CellFit, limits: FaultLimits) -> tuple[KinematicsFault, .
         KinematicsFault(
             "picture",
             one.name,
-            f"{one.name} shows the board {one.off_sigma / usual:.0f} times as far from where the "
-            f"cell has it as others do, {limits.picture_ratio:g} times are allowed; take it again",
+            say(
+                "{name} shows the board {off_sigma:.0f} times as far from where "
+                "the cell has it as others do, {picture_ratio:g} times are "
+                "allowed; take it again",
+                name=one.name,
+                off_sigma=one.off_sigma / usual,
+                picture_ratio=limits.picture_ratio,
+            ),
         )
         for one in held
         if one.off_sigma > limits.picture_ratio * usual
@@ -400,9 +430,15 @@ def _out_of_bounds(fit: CellFit, limits: FaultLimits) -> tuple[KinematicsFault, 
                 KinematicsFault(
                     "out_of_bounds",
                     name,
-                    f"{name} is {float(x):+.4g} off its drawing, at least {off:.1f} standard "
-                    f"deviations of what a set-up leaves, {limits.prior_sigma:g} are allowed; "
-                    "check the drawing",
+                    say(
+                        "{name} is {x:+.4g} off its drawing, at least {off:.1f} standard "
+                        "deviations of what a set-up leaves, {prior_sigma:g} are allowed; "
+                        "check the drawing",
+                        name=name,
+                        x=float(x),
+                        off=off,
+                        prior_sigma=limits.prior_sigma,
+                    ),
                 )
             )
     return tuple(out)

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
+from messages import say
 
 from ._types import BoardPicture, KinematicsError
 from .layout import PictureTerms, UnknownsLayout
@@ -123,8 +124,12 @@ def measure_play(
     for i, name in enumerate(names):
         if u[i] > _U_MAX_RAD:
             raise KinematicsError(
-                f"the pictures show the play of {name} to {np.degrees(u[i]):.2f} deg only; take "
-                "stops at which it turns the board more"
+                say(
+                    "the pictures show the play of {name} to {degrees:.2f} deg only; "
+                    "take stops at which it turns the board more",
+                    name=name,
+                    degrees=np.degrees(u[i]),
+                )
             )
     return {name: Play(float(found[i]), float(u[i])) for i, name in enumerate(names)}
 
@@ -147,7 +152,11 @@ def measure_homing(
     count = len(set(homings))
     if count < _HOMINGS_MIN:
         raise KinematicsError(
-            f"{count} homings cannot show how well homing repeats; {_HOMINGS_MIN} are required"
+            say(
+                "{count} homings cannot show how well homing repeats; {homings_min} are required",
+                count=count,
+                homings_min=_HOMINGS_MIN,
+            )
         )
     terms, noise_px, used = _measured(layout, x, [s.picture for s in stops])
     shifts: dict[int, list[FloatArray]] = {n: [] for n in sorted(set(homings))}
@@ -178,7 +187,10 @@ def _check_both_sides(motor: str, stops: Sequence[StopPicture]) -> None:
         if len({motor in s.above for s in stops if s.stop == stop}) == 2:
             return
     raise KinematicsError(
-        f"no stop was gone to from both sides of {motor}, so its play cannot be measured"
+        say(
+            "no stop was gone to from both sides of {motor}, so its play cannot be measured",
+            motor=motor,
+        )
     )
 
 

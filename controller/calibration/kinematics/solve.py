@@ -16,6 +16,7 @@ from scipy.optimize import least_squares
 
 from controller.arrays import BoolArray, FloatArray
 from controller.imaging import Camera
+from messages import key, say
 
 from ._types import BoardPicture, CellPrior, KinematicsError
 from .layout import PictureTerms, UnknownsLayout
@@ -196,27 +197,41 @@ def _check(prior: CellPrior, pictures: Sequence[BoardPicture]) -> None:
         count = len(picture.board.pixels)
         if count < _CORNERS_MIN:
             raise KinematicsError(
-                f"{picture.name} shows {count} corners of the board, {_CORNERS_MIN} are required; "
-                "take it again or leave it out"
+                say(
+                    "{name} shows {count} corners of the board, {corners_min} are "
+                    "required; take it again or leave it out",
+                    name=picture.name,
+                    count=count,
+                    corners_min=_CORNERS_MIN,
+                )
             )
     fixed = {name for name, placing in prior.placings.items() if placing.mm <= 0.0}
     if not any(p.q is None and p.held_as in fixed for p in pictures):
         raise KinematicsError(
-            "no picture shows the board at its marked place, so nothing fixes the world; lay it "
-            "there and take a picture with the overhead camera"
+            key(
+                "no picture shows the board at its marked place, so nothing fixes the world; "
+                "lay it "
+                "there and take a picture with the overhead camera"
+            )
         )
     seen = {p.camera for p in pictures}
     for name in prior.cameras:
         if name not in seen:
-            raise KinematicsError(f"no picture of the camera {name} shows a board")
+            raise KinematicsError(say("no picture of the camera {name} shows a board", name=name))
 
 
 def _check_left(pictures: Sequence[BoardPicture], used: Sequence[BoolArray]) -> None:
     for picture, keep in zip(pictures, used, strict=True):
         if keep.sum() < _CORNERS_MIN:
             raise KinematicsError(
-                f"{picture.name}: {int(keep.sum())} of {len(keep)} corners agree with each other; "
-                "check that the board is the one of the target file, flat and at rest"
+                say(
+                    "{name}: {sum} of {keep_count} corners agree with each other; "
+                    "check that the board is the one of the target file, flat and at "
+                    "rest",
+                    name=picture.name,
+                    sum=int(keep.sum()),
+                    keep_count=len(keep),
+                )
             )
 
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from controller.arrays import FloatArray
 from controller.imaging import Camera, inverse_pose
+from messages import key
 
 from ..camera import FoundBoard
 from ..target import BoardSection
@@ -34,7 +35,7 @@ def board_pose(camera: Camera, board: FoundBoard) -> FloatArray:
         solid, board.pixels, camera.K, camera.distortion, flags=cv2.SOLVEPNP_IPPE
     )
     if not found:
-        raise KinematicsError("no pose of the board fits the corners found in the picture")
+        raise KinematicsError(key("no pose of the board fits the corners found in the picture"))
     T = np.eye(4)
     T[:3, :3] = Rotation.from_rotvec(np.ravel(rvec)).as_matrix()
     T[:3, 3] = np.ravel(tvec)

@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
+from messages import say
 
 # share of the final light; a smaller change is lost among the LEDs' losses as they warm up
 STEADY_SHARE: Final = 0.02
@@ -29,7 +30,12 @@ def seconds_to_steady(delay_s: FloatArray, light: FloatArray) -> float:
     TooFewSamplesError : there are too few, or the last of them still changes
     """
     if len(delay_s) < MIN_SAMPLES:
-        raise TooFewSamplesError(f"{len(delay_s)} pictures are too few to find a settling time")
+        raise TooFewSamplesError(
+            say(
+                "{delay_s_count} pictures are too few to find a settling time",
+                delay_s_count=len(delay_s),
+            )
+        )
     order = np.argsort(delay_s, kind="stable")
     delay_s, light = delay_s[order], light[order]
     last = light[-max(2, int(FINAL_SHARE * len(light))) :]
@@ -37,7 +43,9 @@ def seconds_to_steady(delay_s: FloatArray, light: FloatArray) -> float:
     off = np.abs(light - final) > STEADY_SHARE * abs(final)
     if off[-len(last) :].any():
         raise TooFewSamplesError(
-            f"the light still changes {delay_s[-1]:.2f} s after it was switched"
+            say(
+                "the light still changes {delay_s:.2f} s after it was switched", delay_s=delay_s[-1]
+            )
         )
     unsteady = np.flatnonzero(off)
     # it became steady somewhere between the last sample that was off and the next one

@@ -13,6 +13,7 @@ from controller.cell.machine import Event, SafePoint
 from controller.planning import NoMotionError
 from controller.planning.model import CellLayout
 from drivers.kinds import IoBlock
+from messages import key, say
 
 from ..services import Gate, Grippers, Imaging, Motion, Preparation, Resumption
 from ..services.motion import rounded
@@ -66,7 +67,10 @@ class HomeAction:
         if found.occupancy is Occupancy.HOLDS:
             raise PartProblemError(
                 "fixture_not_empty",
-                f"the fixed gripper holds something: {found.reason}; take that out first",
+                say(
+                    "the fixed gripper holds something: {reason}; take that out first",
+                    reason=found.reason,
+                ),
             )
         async with asyncio.TaskGroup() as both:
             both.create_task(self._ready_fixed_gripper())
@@ -94,8 +98,12 @@ class HomeAction:
         except NoMotionError as error:
             raise PartProblemError(
                 "no_way_home",
-                "no path free of contact leads the arm from where it stands to its park position: "
-                f"{error}; move it clear with `cellctl jog` or its pendant, and start again",
+                say(
+                    "no path free of contact leads the arm from where it stands to its "
+                    "park position: {error}; move it clear with `cellctl jog` or its "
+                    "pendant, and start again",
+                    error=error,
+                ),
             ) from error
         await self.motion.follow(path)
         self.motion.mark_free()
@@ -131,7 +139,7 @@ class ReadyAction:
         """
         await _until_healthy(self.io, self.gate, self.motion)
         self.preparation.begin()
-        self.record.show("getting ready; nothing is homed, because a gripper may hold a part")
+        self.record.show(key("getting ready; nothing is homed, because a gripper may hold a part"))
         await self.imaging.all_dark()
         if self.resumption.homes:
             return Event.RESET_DONE  # power comes once the part has been taken over

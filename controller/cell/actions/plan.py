@@ -21,6 +21,7 @@ from controller.planning import (
     Present,
     Start,
 )
+from messages import say
 
 from ..services import HeldPose, Motion, Preparation, Views, park_interrupted
 from ..services.records import BatchRecord, merged, plan_row
@@ -73,7 +74,7 @@ class PlanAction:
             if not part.interrupted or part.parked is not None or before is not None:
                 return self._keep_plan(error, start, before)
             # nothing was planned from here before, so there is no plan to go on with
-            park_interrupted(self.record, f"from where it left the part: {error}")
+            park_interrupted(self.record, say("from where it left the part: {error}", error=error))
             try:
                 plan = await self._plan(start)
             except NoPlanError as none:
@@ -156,8 +157,11 @@ class PlanAction:
                 return InFixedGripper(part.fixed_grasp, await self.motion.read_q())
         raise PartProblemError(
             "no_plan",
-            f"no plan begins with a part whose custody is {part.custody.value}; take it out "
-            "of the cell and start again",
+            say(
+                "no plan begins with a part whose custody is {value}; take it out "
+                "of the cell and start again",
+                value=part.custody.value,
+            ),
         )
 
     def _keep_plan(self, error: NoPlanError, start: Start, before: Plan | None) -> Event:
@@ -168,7 +172,12 @@ class PlanAction:
         parked = self.record.part.parked
         if parked is not None:
             raise PartProblemError(
-                parked.fault.value, f"{parked.reason}; the part cannot be parked: {error}"
+                parked.fault.value,
+                say(
+                    "{reason}; the part cannot be parked: {error}",
+                    reason=parked.reason,
+                    error=error,
+                ),
             ) from error
         if isinstance(start, OnTable) or before is None:
             raise PartProblemError("no_plan", str(error)) from error

@@ -19,6 +19,7 @@ from controller.cell.recovery import (
 )
 from controller.planning.model import CellLayout
 from drivers.kinds import FixedGripper
+from messages import key, say
 
 from ..services import Grippers, Motion, Resumption, hold_of, park_interrupted, verdict_of
 from ..services.motion import rounded
@@ -58,7 +59,7 @@ class RecoverAction:
         PartFaultError : the part is gone from the gripper that held it
         PartProblemError : a person has to look
         """
-        self.record.show("continuing with the part of the interrupted run")
+        self.record.show(key("continuing with the part of the interrupted run"))
         proposal = await self.resumption.take_over()
         case = proposal.case
         if case.holds_as_expected:
@@ -77,7 +78,7 @@ class RecoverAction:
 
     async def _home(self, proposal: Proposal, homing: HomingWithPart) -> Event:
         """Home with the grippers as they are, and confirm that their parts are still there."""
-        self.record.show("homing with the part in a gripper; no jaw opens")
+        self.record.show(key("homing with the part in a gripper; no jaw opens"))
         bounds = homing.bounds
         low, high = rounded([bounds.low, bounds.high])
         row = HomingBegun(low=low, high=high, opening_mm=bounds.arm_opening_mm)
@@ -87,7 +88,7 @@ class RecoverAction:
     async def _set_custody(self, proposal: Proposal) -> None:
         """Journal who has the part, which resolves the interrupted step."""
         intent, custody = proposal.left.intent, proposal.case.custody
-        detail = "reported by the grippers after a crash"
+        detail = key("reported by the grippers after a crash")
         if custody is Custody.PLACED and intent is not None and intent.tray is not None:
             detail = intent.tray
         await self.record.set_custody(custody, detail)
@@ -119,7 +120,7 @@ class RecoverAction:
             await self.record.set_custody(Custody.UNKNOWN, str(error))
             raise PartProblemError(
                 "recovery_contradicted",
-                f"{error}, and the arm gripper had just opened there",
+                say("{error}, and the arm gripper had just opened there", error=error),
             ) from error
         return proposal
 
@@ -134,7 +135,10 @@ class RecoverAction:
                 await self.record.set_custody(Custody.UNKNOWN, str(error))
             raise PartProblemError(
                 "recovery_contradicted",
-                f"{error}; it was to keep the part after the hand-off that was cut off",
+                say(
+                    "{error}; it was to keep the part after the hand-off that was cut off",
+                    error=error,
+                ),
             ) from error
 
     async def _open(self, proposal: Proposal) -> None:
@@ -153,7 +157,7 @@ class RecoverAction:
                 intent = Intent(name=UNDOES[opens], detail="undone", open_mm=open_mm)
                 async with self.record.once(intent):
                     await self.grippers.open_fixed(open_mm)
-                await self.record.set_custody(Custody.IN_ARM, "the hand-off was reversed")
+                await self.record.set_custody(Custody.IN_ARM, key("the hand-off was reversed"))
             case Opens.ARM if is_retreat:
                 await self.grippers.require_fixed_holds()
                 await self.grippers.open_arm(arm_open_mm(left))
@@ -162,7 +166,9 @@ class RecoverAction:
                 async with self.record.once(Intent(name=UNDOES[opens], detail="undone")):
                     await self.grippers.open_arm(arm_open_mm(left))
                 part.hold = None
-                await self.record.set_custody(Custody.IN_FIXED, "the hand-off back was reversed")
+                await self.record.set_custody(
+                    Custody.IN_FIXED, key("the hand-off back was reversed")
+                )
             case Opens.ARM_ON_TABLE | Opens.ARM_OVER_TRAY:
                 await self.grippers.open_arm(arm_open_mm(left))
                 part.hold = None
@@ -182,7 +188,7 @@ class RecoverAction:
         part, left = self.record.part, proposal.left
         is_held = proposal.custody in (Custody.IN_ARM, Custody.IN_FIXED)
         if is_held and left.is_ambiguous and part.parked is None:
-            park_interrupted(self.record, "no view had yet decided between parts or poses")
+            park_interrupted(self.record, key("no view had yet decided between parts or poses"))
         match proposal.custody:
             case Custody.IN_ARM:
                 await self.grippers.press_and_require_hold()
@@ -210,9 +216,9 @@ class RecoverAction:
                 self.motion.mark_free()
                 return Event.PLACED
         part.hold = None
-        await self.record.set_custody(Custody.LOST, "not in a gripper after the crash")
+        await self.record.set_custody(Custody.LOST, key("not in a gripper after the crash"))
         raise PartFaultError(
-            PartFault.DROPPED, "no gripper holds the part any more after the crash"
+            PartFault.DROPPED, key("no gripper holds the part any more after the crash")
         )
 
     async def _open_fixed_wide(self) -> None:

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+from messages import key
+
 
 class Severity(StrEnum):
     """The cell's reaction to an alarm."""
@@ -11,13 +13,13 @@ class Severity(StrEnum):
     """Goes on; somebody should look at it when there is time."""
     RECOVERED = "recovered"
     """Recovers by itself, as often as the fault policy has it; then it parks the part or holds."""
-    HOLD = "hold"
+    HOLD = key("hold")
     """Holds: the arm stands still and keeps what it has; a person has to look at the part."""
-    STOP = "stop"
+    STOP = key("stop")
     """Stops every device on request, and comes to rest."""
-    ABORT = "abort"
+    ABORT = key("abort")
     """Stops every device at once; a person has to look at the cell."""
-    REFUSED = "refused"
+    REFUSED = key("refused")
     """Refuses to begin: nothing has moved."""
 
 

@@ -4,6 +4,8 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
+from messages import key
+
 from .alarm import Alarm
 from .cell import CELL
 from .devices import DEVICES
@@ -16,7 +18,9 @@ INTERNAL: Final = BY_CODE["internal"]
 # Names whose code is not made of the words of the class.
 CODES: Final = {"OSError": "file", "ArmStalledError": "stall"}
 # How messages name a device, the more particular ones first.
-NAMES: Final = ("overhead", "inspection", "camera", "fixed gripper", "gripper", "arm", "I/O block",
+NAMES: Final = ("overhead", "inspection", "camera", key(
+    "fixed gripper"
+), "gripper", "arm", key("I/O block"),
                 "lights", "analog", "relay")  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from controller.cad.reading import files_of
 from controller.config import Cell
@@ -14,8 +14,9 @@ from controller.config.calibrations import read_calibrations, standing_of
 from controller.config.files import file_sha256
 from controller.config.view_set import SetCalibration
 from controller.setup.software import software_versions
+from messages import key, say
 
-from ..custody import CellIdentity, Held, fold_custody, left_in_trays
+from ..custody import CellIdentity, GripperName, Held, fold_custody, left_in_trays
 from ..custody.known_journals import note_journal, rows_of_all_journals
 from ..devices.clocks import devices_with_time
 from ..journal import Journal, Row, Stamps, is_of, read_rows_counted, rows
@@ -227,14 +228,25 @@ def _left_by_runs(journal: Journal, began: rows.RunBegan) -> tuple[tuple[Held, .
     return fold_custody(found, here), _gone_with_its_emulator(found, here, journal.run)
 
 
+GONE: Final[Mapping[GripperName, str]] = {
+    GripperName.ARM: key(
+        "Run {run} may have left a part in the arm gripper of an emulated cell. That cell has "
+        "ended, and the part with it; on a real cell this start would be refused."
+    ),
+    GripperName.FIXED: key(
+        "Run {run} may have left a part in the fixed gripper of an emulated cell. That cell has "
+        "ended, and the part with it; on a real cell this start would be refused."
+    ),
+}
+
+
 def _gone_with_its_emulator(found: Sequence[Row], here: CellIdentity, run: str) -> list[str]:
     began = [row for row in found if row.run != run and is_of(row, rows.RunBegan)]
     if not began:
         return []
     last = CellIdentity.of(rows.RunBegan.model_validate(began[-1].body))
     return [
-        f"Run {one.run} may have left a part in the {one.gripper.value} of an emulated cell. That "
-        "cell has ended, and the part with it; on a real cell this start would be refused."
+        say(GONE[one.gripper], run=one.run)
         for one in fold_custody(found, last)
         if one.gripper in last.emulated and not here.shares(one.gripper, last)
     ]

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from drivers.errors import ArmStalledError, DeviceError, SilentLineError
+from messages import key, say
 
 from ..actions import Actions
 from ..alarms import Alarm, alarm_of, code_of, device_named
@@ -188,7 +189,9 @@ class Dispatcher:
             custody=self._record.part.custody,
             remaining_s=progress.remaining_s,
             message=self._message,
-            alarm="" if alarm is None else f"{alarm.number} {alarm.words}",
+            alarm=""
+            if alarm is None
+            else say("{number} {words}", number=alarm.number, words=alarm.words),
             point=self._gate.point,
             wanted=self._gate.wanted,
             pause_s={kind: self._gate.seconds_to(kind) for kind in PauseKind if can_pause},
@@ -200,7 +203,9 @@ class Dispatcher:
             done=self._record.done,
         )
 
-    def request_stop(self, message: str = "stopped by the operator", code: str = "stop") -> None:
+    def request_stop(
+        self, message: str = key("stopped by the operator"), code: str = "stop"
+    ) -> None:
         """Request a stop; no gripper opens. Before `run`, nothing will be started."""
         self._request(_Note(Event.STOP, message=message, code=code))
 
@@ -314,7 +319,7 @@ class Dispatcher:
         while not self._inbox.empty():
             answer = self._inbox.get_nowait().answer
             if answer is not None and not answer.done():
-                reason = "the run has come to rest"
+                reason = key("the run has come to rest")
                 answer.set_result(MachineDecision("refused", self.state, self.state, reason=reason))
 
     async def _stop_unrecorded(self, error: JournalError) -> BatchEnd:
@@ -327,10 +332,11 @@ class Dispatcher:
             self._others or self._stopping.stop_others(),
         )
         where = where_it_is(self._record.part.custody, self._record.part.tray or "")
-        message = (
-            f"{error}; nothing can be recorded any more, so every device was stopped. "
-            "See that the file is in its place, can be written and has room on its disk, then "
-            "start again"
+        message = say(
+            "{error}; nothing can be recorded any more, so every device was "
+            "stopped. See that the file is in its place, can be written and "
+            "has room on its disk, then start again",
+            error=error,
         )
         return BatchEnd("aborted", message, "journal", where)
 
@@ -420,7 +426,9 @@ class Dispatcher:
         state = self._machine.state
         mode = mode_of(state)
         if event is Event.GUARD_OPENED and mode is Mode.SUSPENDING and self._held_by is not None:
-            return MachineDecision("ignored", state, state, reason="this holds the run already")
+            return MachineDecision(
+                "ignored", state, state, reason=key("this holds the run already")
+            )
         if mode is not Mode.SUSPENDED:
             return None
         reason = self._why_barred(event)
@@ -434,14 +442,19 @@ class Dispatcher:
         if violation is not None:
             return violation.message
         if event is Event.ACKNOWLEDGE:
-            return "" if self._held_by is not None else "nothing is waiting for an acknowledgement"
-        if self._held_by is not None:
             return (
-                f"the run was held ({self._held_by.message}): look at the cell and acknowledge "
-                'that, `cellctl ack --why "..."`, then resume'
+                ""
+                if self._held_by is not None
+                else key("nothing is waiting for an acknowledgement")
+            )
+        if self._held_by is not None:
+            return say(
+                "the run was held ({message}): look at the cell and acknowledge "
+                'that, `cellctl ack --why "..."`, then resume',
+                message=self._held_by.message,
             )
         if event is Event.STEP and self._standstill.looks_again:
-            return "the door was open, so the cell looks for the part first: resume"
+            return key("the door was open, so the cell looks for the part first: resume")
         return ""
 
     def _take_acknowledgement(self, note: _Note) -> None:
@@ -534,7 +547,12 @@ class Dispatcher:
         except PolicyAbortError as error:
             return _Note(Event.FAULT, effect, str(error), error.code)
         except SilentLineError as error:
-            return _Note(Event.FAULT, effect, f"in step {effect.value}: {error}", code_of(error))
+            return _Note(
+                Event.FAULT,
+                effect,
+                say("in step {value}: {error}", value=effect.value, error=error),
+                code_of(error),
+            )
         except NotProvenError as error:
             return _Note(Event.NOT_PROVEN, effect, str(error), code_of(error))
         except InterlockError as error:
@@ -548,13 +566,18 @@ class Dispatcher:
             return _Note(Event.FAULT, effect, WORKER_GONE, "worker_gone")
         except ExceptionGroup as group:
             first = group.exceptions[0]
-            step = f"in step {effect.value}: " if isinstance(first, SilentLineError) else ""
-            return _Note(Event.FAULT, effect, f"{step}{first}", code_of(first))
+            words = str(first)
+            if isinstance(first, SilentLineError):
+                words = say("in step {step}: {words}", step=effect.value, words=words)
+            return _Note(Event.FAULT, effect, words, code_of(first))
         except Exception as error:
             # a bug stops the cell like any fault, and is logged with its traceback
             log.exception("effect %s failed", effect.value)
             return _Note(
-                Event.FAULT, effect, f"internal error in {effect.value}: {error!r}", "internal"
+                Event.FAULT,
+                effect,
+                say("internal error in {value}: {error}", value=effect.value, error=repr(error)),
+                "internal",
             )
 
 
@@ -605,4 +628,6 @@ def _alarm(code: str, message: str, step: str) -> dict[str, rows.AlarmFields]:
 
 def _explain_stall(error: ArmStalledError) -> str:
     """Return the message to the operator about a stalled axis."""
-    return f"the arm met something it should not have: {error}; look before you clear it"
+    return say(
+        "the arm met something it should not have: {error}; look before you clear it", error=error
+    )

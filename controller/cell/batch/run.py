@@ -12,6 +12,7 @@ from controller.planning.model import CellLayout
 from controller.planning.motion import ProvenMove, Swept
 from controller.setup.layout import build_layout
 from drivers.clock import CellClock
+from messages import key, say
 
 from ..compute import Compute, Job
 from ..custody import Custody, custody_of, where_it_is
@@ -252,8 +253,11 @@ async def _supervision(
     async with supervised.beating():
         for name in supervised.unreached:
             on_notice(
-                f"{name}: accepts no second connection, so the supervisor cannot stop it "
-                "while the controller is late"
+                say(
+                    "{name}: accepts no second connection, so the supervisor cannot "
+                    "stop it while the controller is late",
+                    name=name,
+                )
             )
         yield
 
@@ -378,4 +382,4 @@ async def _barred(order: RunOrder, journal: Journal, operator: Operator) -> Batc
     latch = await require_acknowledged(journal, order.cell.name, operator)
     if latch is None:
         return None
-    return refuse(journal, latch.words, code="not_acknowledged", where="Nothing has moved.")
+    return refuse(journal, latch.words, code="not_acknowledged", where=key("Nothing has moved."))

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from controller.config import split_cad
 from controller.planning.model import CellLayout
+from messages import key, say
 
 from ..custody import CellIdentity, Custody, GripperName, Held, where_it_is
 from ..custody.openings import Occupancy, Opening, presses_on_something, read_openings
@@ -36,7 +37,7 @@ from .order import RunOrder
 
 GO_ON, REFUSE = "go_on", "refuse"
 BY_OPTION = "--auto-recover"
-BY_START = "the start"
+BY_START = key("the start")
 
 
 async def start(
@@ -85,7 +86,7 @@ async def start(
         alone = await _arm_alone(devices, journal, began, layout)
         if alone is not None:
             # no gripper holds anything, and a start may move the arm: it would home it otherwise
-            await journal.write_secured(_row(alone, "accepted", BY_START, "proven safe"))
+            await journal.write_secured(_row(alone, "accepted", BY_START, key("proven safe")))
             journal.write(openings_row(openings))
             return alone
     try:
@@ -178,13 +179,15 @@ async def find_proposal(
     """
     whose = {(one.run, one.part) for one in known}
     if len(whose) != 1:
-        return "two runs have each left a part"
+        return key("two runs have each left a part")
     ((run, part),) = whose
     if not part:
-        return f"run {run} had no part of its own"
+        return say("run {run} had no part of its own", run=run)
     left = fold_interrupted(read_rows(journal.path, run), run, part)
     if left is None:
-        return f"run {run} is in the journal of another folder of runs; start with that one"
+        return say(
+            "run {run} is in the journal of another folder of runs; start with that one", run=run
+        )
     if why := _why_not_here(left, began, has_recipe=has_recipe):
         return why
     world = await read_world(devices, left)
@@ -200,13 +203,13 @@ async def find_proposal(
 def _why_not_here(left: Interrupted, began: rows.RunBegan, *, has_recipe: bool) -> str:
     """Return the reason why a part cannot go on in this run; empty if it can."""
     if not same_cell(left.began.cell, began.cell):
-        return (
+        return key(
             "the cell file has changed since then: the paths and grasps of that run are no "
             "longer valid"
         )
     if has_recipe and recipe_for(left, began) is None:
         name = left.recipe.recipe.get("name", "")
-        return f"it is the part of recipe {name}: start with that recipe"
+        return say("it is the part of recipe {name}: start with that recipe", name=name)
     return ""
 
 
@@ -237,11 +240,11 @@ async def _decided(
     if not proposal.person and order.recovery == "auto":
         who = BY_OPTION
         decision = "accepted" if proposal.is_proven else "refused"
-        why = "proven safe" if proposal.is_proven else _why_not_alone(proposal)
+        why = key("proven safe") if proposal.is_proven else _why_not_alone(proposal)
     elif not proposal.person:
         answer = await operator.decide(_question(proposal))
         if answer is None:
-            why = "nobody was there to decide"
+            why = key("nobody was there to decide")
         else:
             decision = "accepted" if answer.key == GO_ON else "refused"
             who, why = answer.who, answer.why
@@ -251,16 +254,16 @@ async def _decided(
 
 def _why_not_alone(proposal: Proposal) -> str:
     if proposal.homing is not None:
-        return (
+        return key(
             "the arm has to home with the part in a gripper, and a person has to confirm "
             "that it still stands where that run left it"
         )
     if proposal.case.activates_fixed:
-        return (
+        return key(
             "the fixed gripper lost its power and has to be activated, and a person has to "
             "confirm that nothing is between its jaws"
         )
-    return "the path out is not proven to end free"
+    return key("the path out is not proven to end free")
 
 
 def _row(
@@ -286,13 +289,17 @@ def _question(proposal: Proposal) -> Question:
     return Question(
         code="part_left",
         text=(
-            f"Run {proposal.left.run} has left a part. Evidence:\n{listed(proposal.evidence)}\n"
-            f"The cell would:\n{listed(proposal.steps)}"
-            + (f"\n{proposal.look}" if proposal.look else "")
+            say(
+                "Run {run} has left a part. Evidence:\n{listed}\nThe cell would:\n{listed2}",
+                run=proposal.left.run,
+                listed=listed(proposal.evidence),
+                listed2=listed(proposal.steps),
+            )
+            + (say("\n{look}", look=proposal.look) if proposal.look else "")
         ),
         choices=(
-            Choice(GO_ON, "continue with the part as listed"),
-            Choice(REFUSE, "move nothing; I take the part out"),
+            Choice(GO_ON, key("continue with the part as listed")),
+            Choice(REFUSE, key("move nothing; I take the part out")),
         ),
         preview=((GO_ON, proposal.preview),),
     )
@@ -303,9 +310,12 @@ def _why_refused(order: RunOrder, proposal: Proposal) -> str:
         return proposal.person
     if order.recovery == "auto":
         if proposal.homing is not None or proposal.case.activates_fixed:
-            return f"{_why_not_alone(proposal)}; decide with `cellctl recover --accept`"
-        return "the next motion of the cell is not proven safe"
-    return "continuing with it was not accepted"
+            return say(
+                "{why_not_alone}; decide with `cellctl recover --accept`",
+                why_not_alone=_why_not_alone(proposal),
+            )
+        return key("the next motion of the cell is not proven safe")
+    return key("continuing with it was not accepted")
 
 
 def refuse(

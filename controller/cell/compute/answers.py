@@ -49,6 +49,7 @@ from controller.planning.motion import (
 from controller.planning.regrasps import pick_paths
 from controller.stored import judge_ahead as stored_ahead
 from controller.stored import judge_views, judging_of, read_pictures
+from messages import key, say
 
 from ..devices.lamps import TABLE_LAMPS
 from ..plans import PlanCache
@@ -345,7 +346,7 @@ def path_home(
     c = context(job)
     carried = None if T_part_tcp is None else _part_box(job, inverse_pose(T_part_tcp))
     scene = Scene(layout_among(c, around), arm_opening_mm, fixed_opening_mm, carried)
-    return connect(q, c.layout.park_q, scene, f"{c.solid.name}: path home")
+    return connect(q, c.layout.park_q, scene, say("{name}: path home", name=c.solid.name))
 
 
 def homing_swept(
@@ -373,7 +374,9 @@ def homing_swept(
     layout = layout_among(context(job), around)
     phases = layout.arm.homing_sweep(low, high)
     if not phases:
-        return Swept(phase="it homes", touches="everything: this arm has no homing with a part")
+        return Swept(
+            phase=key("it homes"), touches=key("everything: this arm has no homing with a part")
+        )
     carried, standing = _held(job, T_part_tcp, T_part_fixed)
     # an empty gripper may stand at any opening: its fingers reach furthest when it is wide open,
     # and stand between when it is shut

@@ -5,7 +5,7 @@ HTTP over a unix socket of the same user. `words.py` has the messages, `client.p
 reads and acts through the dispatcher alone.
 """
 
-from .client import NoRunError, NotServedError, RunningCell, facts
+from .client import NoRunError, NotServedError, RunningCell
 from .place import ControlError, make_folder, socket_path
 from .standing import StandingReply, left_in_grippers, standing_of
 from .words import (
@@ -20,6 +20,7 @@ from .words import (
     QuestionReply,
     ResumeOrder,
     StatusReply,
+    facts,
 )
 
 __all__ = [

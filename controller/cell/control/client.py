@@ -4,19 +4,19 @@ import http.client
 import os
 import socket
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Final
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
+
+from messages import key, say
 
 from ..devices.lock import LOCK_NAME, Holder, read_holder
 from .peer import peer_of
 from .place import ControlError
-from .words import DecisionReply, ErrorReply, StatusReply
+from .words import DecisionReply, ErrorReply, SomeReply, StatusReply, reply_of
 
 REPLY_LIMIT_WALL_S: Final = 30.0
 MAX_REPLY_BYTES: Final = 1_000_000
-
-SomeReply = TypeVar("SomeReply", bound=BaseModel)
 
 
 class NoRunError(ControlError):
@@ -49,7 +49,9 @@ class _UnixConnection(http.client.HTTPConnection):
         self.sock.settimeout(REPLY_LIMIT_WALL_S)
         self.sock.connect(str(self._path))
         if peer_of(self.sock).uid != os.getuid():
-            raise ControlError(f"{self._path}: another user listens there; nothing was sent")
+            raise ControlError(
+                say("{path}: another user listens there; nothing was sent", path=self._path)
+            )
 
 
 class RunningCell:
@@ -106,13 +108,20 @@ class RunningCell:
             return reply.status, reply.read(MAX_REPLY_BYTES)
         except (FileNotFoundError, ConnectionRefusedError) as error:
             raise NotServedError(
-                f"{place}: nobody listens there yet, or any more: the run is starting or ending",
+                say(
+                    "{place}: nobody listens there yet, or any more: the run is starting or ending",
+                    place=place,
+                ),
                 holder,
             ) from error
         except (OSError, http.client.HTTPException) as error:
             raise ControlError(
-                f"{place}: the run does not answer ({error or type(error).__name__}); is its "
-                "process stopped, or the machine overloaded?"
+                say(
+                    "{place}: the run does not answer ({error}); is its process "
+                    "stopped, or the machine overloaded?",
+                    place=place,
+                    error=error or type(error).__name__,
+                )
             ) from error
         finally:
             connection.close()
@@ -122,21 +131,23 @@ class RunningCell:
         holder = read_holder(self._runs_dir / LOCK_NAME)
         if holder is None:
             raise NoRunError(
-                f"no run at this cell: nobody holds {self._runs_dir / LOCK_NAME}. Start one with "
-                "`cellctl run`, or name its folder with --runs"
+                say(
+                    "no run at this cell: nobody holds {runs_dir}. Start one with "
+                    "`cellctl run`, or name its folder with --runs",
+                    runs_dir=self._runs_dir / LOCK_NAME,
+                )
             )
         if not holder.control:
-            raise ControlError(f"{holder} has the cell; it is no run, and cannot be acted on")
+            raise ControlError(
+                say("{holder} has the cell; it is no run, and cannot be acted on", holder=holder)
+            )
         return holder
 
 
 def _reply_of(model: type[SomeReply], body: bytes) -> SomeReply:
     try:
-        return model.model_validate_json(body)
-    except ValidationError as error:
-        raise ControlError("the run's answer cannot be read; is it another version?") from error
-
-
-def facts(reply: BaseModel) -> dict[str, Any]:
-    """Return a reply as JSON."""
-    return reply.model_dump(mode="json")
+        return reply_of(model, body)
+    except (ValueError, TypeError) as error:
+        raise ControlError(
+            key("the run's answer cannot be read; is it another version?")
+        ) from error

@@ -6,6 +6,8 @@ import tempfile
 from hashlib import sha256
 from pathlib import Path
 
+from messages import say
+
 from ..devices.lock import LOCK_NAME
 from ..errors import CellError
 
@@ -41,13 +43,20 @@ def make_folder() -> Path:
         found = folder.lstat()
     except OSError as error:
         raise ControlError(
-            f"{folder}: {error.strerror}; the control socket is created there"
+            say(
+                "{folder}: {strerror}; the control socket is created there",
+                folder=folder,
+                strerror=error.strerror,
+            )
         ) from error
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
         raise ControlError(
-            f"{folder}: belongs to another user; remove it, because the control socket "
-            "needs this folder"
+            say(
+                "{folder}: belongs to another user; remove it, because the control "
+                "socket needs this folder",
+                folder=folder,
+            )
         )
     if found.st_mode & 0o077:
-        raise ControlError(f"{folder}: others may enter it; chmod 700 {folder}")
+        raise ControlError(say("{folder}: others may enter it; chmod 700 {folder}", folder=folder))
     return folder

@@ -8,6 +8,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from messages import joined, say
+
 from ..custody import CellIdentity, Held, custody_of, fold_custody, read_folded
 from ..custody.start_check import known_words
 from ..devices.lock import LOCK_NAME, read_holder
@@ -79,7 +81,11 @@ def standing_of(runs_dir: Path) -> StandingReply:
             run=holder.run, user=holder.user, host=holder.host, pid=holder.pid,
             since=holder.since, control=holder.control,
         )  # fmt: skip
-        update = {"state": "taken", "message": f"{holder} has the cell", "holder": has_it}
+        update = {
+            "state": "taken",
+            "message": say("{holder} has the cell", holder=holder),
+            "holder": has_it,
+        }
         return found.model_copy(update=update)
     return found
 
@@ -94,8 +100,8 @@ def _after(journal: Path, run: str) -> StandingReply:
     cell = "" if began is None else str(began.cell.get("name", ""))
     left = () if began is None else left_in_grippers(journal, began)
     latch = fold_latch(journal, cell)
-    message = "; ".join(
-        [*dict.fromkeys(known_words(one) for one in left), *([latch.words] if latch else [])]
+    message = joined(
+        "; ", [*dict.fromkeys(known_words(one) for one in left), *([latch.words] if latch else [])]
     )
     return StandingReply(
         cell=cell,

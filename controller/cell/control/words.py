@@ -1,8 +1,15 @@
-"""The bodies of the control socket's requests and replies, one model each. No I/O."""
+"""The bodies of the control socket's requests and replies, one model each. No I/O.
 
-from typing import Final, Literal
+A reply has keys and values of its sentences beside them (`messages.form`).
+"""
+
+import json
+from typing import Any, Final, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from messages.fields import Sentence
+from messages.form import SAID, from_said, with_said
 
 # largest length in characters
 MAX_WHO: Final = 200
@@ -13,8 +20,43 @@ Short = Field(default="", max_length=MAX_WHO)
 Reason = Field(default="", max_length=MAX_WHY)
 
 
+SomeReply = TypeVar("SomeReply", bound=BaseModel)
+
+
+def facts(reply: BaseModel) -> dict[str, Any]:
+    """Return a reply as JSON values; its sentences keep their keys."""
+    return reply.model_dump()
+
+
+def reply_bytes(reply: BaseModel) -> bytes:
+    """Return a reply as it goes over the socket."""
+    return json.dumps(with_said(facts(reply)), ensure_ascii=False).encode()
+
+
+def reply_of(model: type[SomeReply], body: bytes) -> SomeReply:
+    """Return a reply of its bytes.
+
+    Raises
+    ------
+    ValueError : it is not of this model
+    """
+    return model.model_validate(from_said(json.loads(body)))
+
+
 class _Body(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def _add_said(schema: dict[str, Any]) -> None:
+    schema["properties"][SAID] = {
+        "type": "object",
+        "default": {},
+        "description": "key and values of each sentence, by its English",
+    }
+
+
+class _Reply(_Body):
+    model_config = ConfigDict(json_schema_extra=_add_said)
 
 
 class Order(_Body):
@@ -49,12 +91,12 @@ class AnswerOrder(Order):
     number: int | None = Field(default=None, ge=1)
 
 
-class DecisionReply(_Body):
+class DecisionReply(_Reply):
     """The cell's decision on an order; `reason` is why it was ignored or refused."""
 
     decision: Literal["handled", "ignored", "refused"]
     state: str
-    reason: str = ""
+    reason: Sentence = ""
 
 
 class MotionReply(_Body):
@@ -64,7 +106,7 @@ class MotionReply(_Body):
     no joint but the jaws moves, and where nobody knows its path, as in homing.
     """
 
-    words: str
+    words: Sentence
     tcp_mm: float
     turn_deg: float
     seconds: float
@@ -75,8 +117,8 @@ class ChoiceReply(_Body):
     """A possible answer; `first` is the first motion after it, empty if nothing moves."""
 
     key: str
-    words: str
-    first: str = ""
+    words: Sentence
+    first: Sentence = ""
 
 
 class QuestionReply(_Body):
@@ -87,7 +129,7 @@ class QuestionReply(_Body):
 
     number: int
     code: str
-    text: str
+    text: Sentence
     choices: tuple[ChoiceReply, ...]
     entry: str = ""
 
@@ -103,7 +145,7 @@ class HolderReply(_Body):
     control: str = ""
 
 
-class StatusReply(_Body):
+class StatusReply(_Reply):
     """The cell's status; durations are cell seconds, null if unknown.
 
     `at_s` is the cell's clock; only its differences are meaningful. `signals` are the inputs of the
@@ -116,27 +158,27 @@ class StatusReply(_Body):
     run: str
     at_s: float | None
     state: str
-    label: str
+    label: Sentence
     step: int
     step_count: int
     custody: str
     seconds_left: float | None
-    message: str
-    safe_point: str | None
+    message: Sentence
+    safe_point: Sentence | None
     pausing: Literal["step", "safe", "now"] | None
     pause_seconds: dict[Literal["step", "safe", "now"], float | None]
     first_motion: MotionReply | None
     question: QuestionReply | None
-    alarms: tuple[str, ...]
+    alarms: tuple[Sentence, ...]
     holder: HolderReply
-    barred: str = ""
+    barred: Sentence = ""
     signals: dict[str, bool | None] = {}
     recipe: str = ""
     serial: str = ""
     done: dict[str, tuple[int, int]] = {}
 
 
-class ErrorReply(_Body):
+class ErrorReply(_Reply):
     """Why a request was not taken."""
 
-    error: str
+    error: Sentence

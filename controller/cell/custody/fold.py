@@ -11,21 +11,23 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
+from messages import key, say
+
 from ..journal import Once, Row, RowKind, is_of, is_once, read_rows_of_kinds, rows
 
 
 class Custody(StrEnum):
     """The place of the part."""
 
-    NONE = "no part known"
-    ON_TABLE = "on the table"
-    IN_ARM = "in the arm gripper"
-    IN_BOTH = "in both grippers"
-    IN_FIXED = "in the fixed gripper"
-    PLACED = "placed"
-    REMOVED = "taken out by the operator"
-    LOST = "lost"
-    UNKNOWN = "unknown"
+    NONE = key("no part known")
+    ON_TABLE = key("on the table")
+    IN_ARM = key("in the arm gripper")
+    IN_BOTH = key("in both grippers")
+    IN_FIXED = key("in the fixed gripper")
+    PLACED = key("placed")
+    REMOVED = key("taken out by the operator")
+    LOST = key("lost")
+    UNKNOWN = key("unknown")
 
     @property
     def key(self) -> str:
@@ -41,8 +43,8 @@ class Custody(StrEnum):
 class GripperName(StrEnum):
     """The two grippers of a cell."""
 
-    ARM = "arm gripper"
-    FIXED = "fixed gripper"
+    ARM = key("arm gripper")
+    FIXED = key("fixed gripper")
 
 
 BOTH: Final = frozenset(GripperName)
@@ -77,7 +79,7 @@ FOLDED_EVENTS: Final = (
     rows.JournalSetAside.row_name,
     rows.JournalNotReadable.row_name,
 )
-_UNTRUSTED: Final = "the journal before this one cannot be trusted"
+_UNTRUSTED: Final = key("the journal before this one cannot be trusted")
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +195,7 @@ def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
                     detail = str(row.body.get("detail", ""))
                     held[gripper] = _held(gripper, custody, row, detail)
             elif is_once(row) and gripper in TOUCHED.get(row.name, BOTH):
-                why = f"cut off while it did: {row.name.replace('_', ' ')}"
+                why = say("cut off while it did: {name}", name=row.name.replace("_", " "))
                 held[gripper] = _held(gripper, Custody.UNKNOWN, row, why)
     return tuple(held[gripper] for gripper in GripperName if gripper in held)
 
@@ -230,27 +232,35 @@ def custody_of(known: Sequence[Held]) -> Custody:
 
 def where_it_is(custody: Custody, detail: str = "") -> str:
     """Return a sentence for the operator: the part's place and what to do with it."""
-    more = f" ({detail})" if detail else ""
+    more = say(" ({detail})", detail=detail) if detail else ""
     match custody:
         case Custody.NONE | Custody.ON_TABLE:
-            return f"The part is on the table{more}; both grippers are empty."
+            return say("The part is on the table{more}; both grippers are empty.", more=more)
         case Custody.IN_ARM:
-            return (
-                f"The part is in the arm gripper{more}, which keeps holding it. Support the part "
-                "before you cut the power or open the jaws."
+            return say(
+                "The part is in the arm gripper{more}, which keeps holding it. "
+                "Support the part before you cut the power or open the jaws.",
+                more=more,
             )
         case Custody.IN_BOTH:
-            return (
-                f"The part is in both grippers{more}, which keep holding it. Open one of them "
-                "only while the other holds."
+            return say(
+                "The part is in both grippers{more}, which keep holding it. Open "
+                "one of them only while the other holds.",
+                more=more,
             )
         case Custody.IN_FIXED:
-            return f"The part is in the fixed gripper{more}, which keeps holding it."
+            return say("The part is in the fixed gripper{more}, which keeps holding it.", more=more)
         case Custody.PLACED:
-            return f"The part is in its tray{more}."
+            return say("The part is in its tray{more}.", more=more)
         case Custody.REMOVED:
-            return f"The part was taken out by the operator{more}."
+            return say("The part was taken out by the operator{more}.", more=more)
         case Custody.LOST:
-            return f"The part was lost{more}: look for it below the arm's last path, by hand."
+            return say(
+                "The part was lost{more}: look for it below the arm's last path, by hand.",
+                more=more,
+            )
         case Custody.UNKNOWN:
-            return f"The position of the part is unknown{more}: look for it before anything moves."
+            return say(
+                "The position of the part is unknown{more}: look for it before anything moves.",
+                more=more,
+            )

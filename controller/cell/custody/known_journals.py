@@ -20,6 +20,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
+from messages import key, say
+
 from ..devices.lock import state_dir
 from ..errors import CellError
 from ..journal import (
@@ -86,9 +88,9 @@ class _Note:
     def why_gone(self) -> str:
         """Why there is no journal; empty if there is one."""
         if not self.journal.exists():
-            return "it is gone: it was deleted or moved, or its disk is not mounted"
+            return key("it is gone: it was deleted or moved, or its disk is not mounted")
         is_empty = self.journal.is_file() and self.journal.stat().st_size == 0
-        return "its file is empty" if is_empty else ""
+        return key("its file is empty") if is_empty else ""
 
     @property
     def why_lost(self) -> str:
@@ -99,12 +101,13 @@ class _Note:
             return why
         found = row_at(self.journal, self.head.seq)
         if found is None:
-            return (
-                f"it lacks row {self.head.seq}, which this cell has secured: it is an older copy, "
-                "or another file"
+            return say(
+                "it lacks row {seq}, which this cell has secured: it is an older "
+                "copy, or another file",
+                seq=self.head.seq,
             )
         if found.hash != self.head.hash:
-            return f"its row {self.head.seq} is not the one that this cell has secured"
+            return say("its row {seq} is not the one that this cell has secured", seq=self.head.seq)
         return ""
 
 
@@ -139,8 +142,14 @@ def open_noted_journal(
     if not lost:
         return opened
     opened.journal.write_synced(JournalNotReadable(why=lost))
-    notice = f"The journal {path} is not the one that was noted there: {lost}. A new one begins."
-    return CellJournal(opened.journal, f"{opened.notice} {notice}".strip())
+    notice = say(
+        "The journal {path} is not the one that was noted there: {lost}. A new one begins.",
+        path=path,
+        lost=lost,
+    )
+    return CellJournal(
+        opened.journal, say("{notice} {notice2}", notice=opened.notice, notice2=notice).strip()
+    )
 
 
 def why_lost(path: Path, began: RunBegan | None = None) -> str:
@@ -176,13 +185,16 @@ def lost_words(path: Path, why: str) -> str:
     path : path of the file
     why : it is lost
     """
-    return (
-        f"{path}: a journal of this cell is noted there, but {why}. What the grippers hold is "
-        "unknown. Nothing has moved, and no other journal was begun. Mount its disk, or put the "
-        "folder back, then start again. If it is lost for good, look at both grippers. To take a "
-        "part out: `cellctl recover --cell CELL --open arm`, or `--open fixed`, opens that "
-        "gripper while you hold the part. Then start with --part-removed, which begins a new "
-        "journal"
+    return say(
+        "{path}: a journal of this cell is noted there, but {why}. What "
+        "the grippers hold is unknown. Nothing has moved, and no other "
+        "journal was begun. Mount its disk, or put the folder back, then "
+        "start again. If it is lost for good, look at both grippers. To "
+        "take a part out: `cellctl recover --cell CELL --open arm`, or "
+        "`--open fixed`, opens that gripper while you hold the part. Then "
+        "start with --part-removed, which begins a new journal",
+        path=path,
+        why=why,
     )
 
 
@@ -252,8 +264,13 @@ def note_journal(journal: Journal, began: RunBegan) -> None:
         put_on_disk(path.parent)
     except OSError as error:
         raise JournalError(
-            f"{path}: {error.strerror}. The next start needs this note to find this run's journal. "
-            "Nothing has moved. Set XDG_STATE_HOME to a folder that can be written"
+            say(
+                "{path}: {strerror}. The next start needs this note to find this "
+                "run's journal. Nothing has moved. Set XDG_STATE_HOME to a folder "
+                "that can be written",
+                path=path,
+                strerror=error.strerror,
+            )
         ) from error
 
 
@@ -328,7 +345,11 @@ def _rows_of(note: _Note) -> list[Row]:
     except (JournalError, OSError) as error:
         flaw = str(error)
     noted = EPOCH + timedelta(microseconds=note.order_us)
-    return [_unknown(f"in {note.journal}", noted, f"its journal knew of this cell, but {flaw}")]
+    return [
+        _unknown(
+            f"in {note.journal}", noted, say("its journal knew of this cell, but {flaw}", flaw=flaw)
+        )
+    ]
 
 
 def _unknown(run: str, at: datetime, why: str) -> Row:
@@ -356,8 +377,12 @@ def _notes() -> Iterator[_Note]:
         return
     except OSError as error:
         raise JournalError(
-            f"{folder}: {error.strerror}. It lists the journals of this cell, and nothing "
-            "moves without it. Make it readable"
+            say(
+                "{folder}: {strerror}. It lists the journals of this cell, and "
+                "nothing moves without it. Make it readable",
+                folder=folder,
+                strerror=error.strerror,
+            )
         ) from error
     for path in paths:
         if path.suffix == ".json":
@@ -377,7 +402,7 @@ def _read_note(path: Path) -> _Note:
         )
     except (OSError, HeadError, ValueError, KeyError, TypeError, AttributeError) as error:
         # it may have been about this cell, and about a part in a gripper
-        why = f"{path} notes a journal and cannot be read ({error})"
+        why = say("{path} notes a journal and cannot be read ({error})", path=path, error=error)
         return _Note(path, path, None, _noted_us(path), None, why)
 
 

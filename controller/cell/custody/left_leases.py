@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from messages import joined, say
+
 from ..journal import Row, is_of, read_rows_of_kinds, rows
 from .fold import CellIdentity, GripperName
 
@@ -29,10 +31,14 @@ class LeftLease:
     @property
     def words(self) -> str:
         """A sentence for people."""
-        what = ", ".join(self.resources)
-        return (
-            f"held, owner dead: {what}; taken by {self.by} of run {self.run} at "
-            f"{datetime.fromisoformat(self.since):%Y-%m-%d %H:%M:%S} UTC"
+        what = joined(", ", self.resources)
+        since = f"{datetime.fromisoformat(self.since):%Y-%m-%d %H:%M:%S}"
+        return say(
+            "held, owner dead: {what}; taken by {by} of run {run} at {since} UTC",
+            what=what,
+            by=self.by,
+            run=self.run,
+            since=since,
         )
 
 

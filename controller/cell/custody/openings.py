@@ -9,6 +9,7 @@ from enum import StrEnum
 from typing import Final
 
 from drivers.kinds import ArmIdentity, GripperReading, JawReading, Signal
+from messages import key, say
 
 from ..devices import Devices
 from ..devices.interlocks import check_interlocks
@@ -22,10 +23,10 @@ SLACK_MM: Final = 2.0
 class Occupancy(StrEnum):
     """Whether a gripper holds something, judged by its opening."""
 
-    HOLDS = "holds something"
-    MAY_HOLD = "may hold something"
-    EMPTY = "is empty"
-    UNREADABLE = "cannot be read"
+    HOLDS = key("holds something")
+    MAY_HOLD = key("may hold something")
+    EMPTY = key("is empty")
+    UNREADABLE = key("cannot be read")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,14 +88,20 @@ def judge_arm(jaws: JawReading, identity: ArmIdentity, open_mm: float) -> Openin
         return Opening(GripperName.ARM, occupancy, reason)
 
     if identity.was_restarted:
-        return opening(Occupancy.UNREADABLE, "the arm has lost its positions")
+        return opening(Occupancy.UNREADABLE, key("the arm has lost its positions"))
     if not jaws.is_pressing:
-        return opening(Occupancy.UNREADABLE, "its jaws press on nothing")
+        return opening(Occupancy.UNREADABLE, key("its jaws press on nothing"))
     if jaws.opening_mm < NOTHING_MM:
-        return opening(Occupancy.EMPTY, "its jaws press on each other")
+        return opening(Occupancy.EMPTY, key("its jaws press on each other"))
     if jaws.opening_mm > open_mm - SLACK_MM:
-        return opening(Occupancy.EMPTY, f"its jaws stand at {jaws.opening_mm:.1f} mm")
-    return opening(Occupancy.MAY_HOLD, f"its jaws stalled at {jaws.opening_mm:.1f} mm")
+        return opening(
+            Occupancy.EMPTY,
+            say("its jaws stand at {opening_mm:.1f} mm", opening_mm=jaws.opening_mm),
+        )
+    return opening(
+        Occupancy.MAY_HOLD,
+        say("its jaws stalled at {opening_mm:.1f} mm", opening_mm=jaws.opening_mm),
+    )
 
 
 def judge_fixed(status: GripperReading, barrier: Signal, open_mm: float) -> Opening:
@@ -112,13 +119,24 @@ def judge_fixed(status: GripperReading, barrier: Signal, open_mm: float) -> Open
 
     opening_mm = status.opening_mm
     if barrier is Signal.OK:
-        return opening(Occupancy.HOLDS, "its light barrier sees something between the jaws")
+        return opening(Occupancy.HOLDS, key("its light barrier sees something between the jaws"))
     if not status.is_activated:
-        return opening(Occupancy.UNREADABLE, "it was switched off or never activated")
+        return opening(Occupancy.UNREADABLE, key("it was switched off or never activated"))
     if status.has_contact and opening_mm >= NOTHING_MM:
-        return opening(Occupancy.HOLDS, f"its jaws met something at {opening_mm:.1f} mm")
+        return opening(
+            Occupancy.HOLDS,
+            say("its jaws met something at {opening_mm:.1f} mm", opening_mm=opening_mm),
+        )
     if opening_mm < NOTHING_MM or opening_mm > open_mm - SLACK_MM:
-        return opening(Occupancy.EMPTY, f"its jaws stand at {opening_mm:.1f} mm")
+        return opening(
+            Occupancy.EMPTY, say("its jaws stand at {opening_mm:.1f} mm", opening_mm=opening_mm)
+        )
     if status.has_arrived:
-        return opening(Occupancy.EMPTY, f"its jaws went to {opening_mm:.1f} mm and met nothing")
-    return opening(Occupancy.MAY_HOLD, f"its jaws were stopped at {opening_mm:.1f} mm")
+        return opening(
+            Occupancy.EMPTY,
+            say("its jaws went to {opening_mm:.1f} mm and met nothing", opening_mm=opening_mm),
+        )
+    return opening(
+        Occupancy.MAY_HOLD,
+        say("its jaws were stopped at {opening_mm:.1f} mm", opening_mm=opening_mm),
+    )

@@ -8,6 +8,7 @@ all. A refusal here means a bug somewhere else: the cell aborts with everything 
 from typing import Final
 
 from drivers.kinds import Arm, FixedGripper, Hold, IoBlock, Signal
+from messages import key, say
 
 from ..errors import ReleaseRefusedError
 from .fold import Custody
@@ -47,13 +48,18 @@ class ReleaseGuard:
         ReleaseRefusedError : nothing else is known to hold what the arm gripper holds
         """
         if custody is Custody.UNKNOWN:
-            raise ReleaseRefusedError("the arm gripper stays closed: the part's custody is unknown")
+            raise ReleaseRefusedError(
+                key("the arm gripper stays closed: the part's custody is unknown")
+            )
         if custody is Custody.IN_ARM and not lets_go:
-            raise ReleaseRefusedError("the arm gripper stays closed: it alone holds the part")
+            raise ReleaseRefusedError(key("the arm gripper stays closed: it alone holds the part"))
         if custody is Custody.IN_BOTH and (hold := await self._fixed.hold()) is not Hold.HELD:
             raise ReleaseRefusedError(
-                f"the arm gripper stays closed: the fixed gripper does not confirm its "
-                f"hold ({hold.value})"
+                say(
+                    "the arm gripper stays closed: the fixed gripper does not confirm "
+                    "its hold ({value})",
+                    value=hold.value,
+                )
             )
         return await self._arm.move_gripper_mm(opening_mm)
 
@@ -72,19 +78,28 @@ class ReleaseGuard:
         """
         if custody in (Custody.UNKNOWN, Custody.IN_FIXED):
             raise ReleaseRefusedError(
-                f"the fixed gripper stays closed: custody of the part is: {custody.value}"
+                say(
+                    "the fixed gripper stays closed: custody of the part is: {value}",
+                    value=custody.value,
+                )
             )
         if custody is Custody.IN_BOTH:
             arm_mm = await self._arm.read_opening_mm()
             if arm_mm < max(NOTHING_MM, gripped_mm - LOST_MM):
                 raise ReleaseRefusedError(
-                    f"the fixed gripper stays closed: the arm gripper's jaws stand at "
-                    f"{arm_mm:.1f} mm, but the part is {gripped_mm:.1f} mm wide"
+                    say(
+                        "the fixed gripper stays closed: the arm gripper's jaws stand at "
+                        "{arm_mm:.1f} mm, but the part is {gripped_mm:.1f} mm wide",
+                        arm_mm=arm_mm,
+                        gripped_mm=gripped_mm,
+                    )
                 )
         if custody is Custody.LOST and self.is_something_in_fixed:
             raise ReleaseRefusedError(
-                "the fixed gripper stays closed: the part is lost, and something is between "
-                "its jaws"
+                key(
+                    "the fixed gripper stays closed: the part is lost, and something is between "
+                    "its jaws"
+                )
             )
         await self._fixed.open_to(opening_mm)
 

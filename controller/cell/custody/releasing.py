@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from controller.config import Cell
 from drivers.kinds import GripperReading
+from messages import key
 
 from ..devices import Devices, resolve
 from ..devices.clocks import FoundClock
@@ -188,7 +189,9 @@ class ReleaseVisit:
         if gripper is GripperName.FIXED:
             _require_ready(await self._devices.gripper.status())
         await self._journal.write_secured(
-            rows.Intent(name=INTENTS[gripper], by="operator", detail="the part is held by hand")
+            rows.Intent(
+                name=INTENTS[gripper], by="operator", detail=key("the part is held by hand")
+            )
         )
         if gripper is GripperName.ARM:
             await self._devices.arm.enable_power()
@@ -217,7 +220,10 @@ class ReleaseVisit:
 def _require_ready(status: GripperReading) -> None:
     if not status.is_activated or status.has_fault:
         raise ReleaseImpossibleError(
-            "the fixed gripper is not active, and activating it would close its jaws first. "
-            "Nothing has moved. Take the part out by the gripper's own release, then start with "
-            "--part-removed"
+            key(
+                "the fixed gripper is not active, and activating it would close its jaws first. "
+                "Nothing has moved. Take the part out by the gripper's own release, then start "
+                "with "
+                "--part-removed"
+            )
         )

@@ -5,9 +5,11 @@ moves until the operator has stated that the part is out. A gripper that reports
 the operator's statement.
 """
 
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from datetime import datetime
-from typing import NoReturn
+from typing import Final, NoReturn
+
+from messages import joined, key, say
 
 from ..errors import CellError
 from ..journal import Journal, rows
@@ -70,12 +72,12 @@ async def require_empty_grippers(
         await refuse(holding or uncertain)
     if any(one.gripper is GripperName.ARM for one in uncertain) and await press():
         stopped = Opening(
-            GripperName.ARM, Occupancy.HOLDS, "its jaws, pressed once more, stay open"
+            GripperName.ARM, Occupancy.HOLDS, key("its jaws, pressed once more, stay open")
         )
         await refuse([stopped])
     if known or uncertain:
-        said = "stated with --part-removed"
-        before = "; ".join(known_words(one) for one in known)
+        said = key("stated with --part-removed")
+        before = joined("; ", (known_words(one) for one in known))
         await journal.write_secured(
             rows.CustodyChanged(name=Custody.REMOVED.key, by="operator", detail=said, before=before)
         )
@@ -98,7 +100,12 @@ def note_taken_out(journal: Journal, known: Iterable[Held]) -> None:
 def openings_row(openings: Sequence[Opening]) -> rows.Openings:
     """Return the openings as the row that the journal keeps."""
     return rows.Openings(
-        {one.gripper.value: f"{one.occupancy.value}: {one.reason}" for one in openings}
+        {
+            one.gripper.value: say(
+                "{value}: {reason}", value=one.occupancy.value, reason=one.reason
+            )
+            for one in openings
+        }
     )
 
 
@@ -113,40 +120,71 @@ def _custody_of(known: Sequence[Held], holding: Sequence[Opening]) -> Custody:
     return Custody.IN_ARM if GripperName.ARM in grippers else Custody.IN_FIXED
 
 
+# Sentences are whole for each, since other languages decide on more than the verb.
+HOLDS: Final[Mapping[frozenset[GripperName], str]] = {
+    frozenset({GripperName.ARM}): key("The arm gripper holds a part: {reasons}."),
+    frozenset({GripperName.FIXED}): key("The fixed gripper holds a part: {reasons}."),
+    frozenset(GripperName): key("The arm gripper and the fixed gripper hold a part: {reasons}."),
+}
+MAY_HOLD: Final[Mapping[frozenset[GripperName], str]] = {
+    frozenset({GripperName.ARM}): key("The arm gripper may hold a part: {reasons}."),
+    frozenset({GripperName.FIXED}): key("The fixed gripper may hold a part: {reasons}."),
+    frozenset(GripperName): key(
+        "The arm gripper and the fixed gripper may hold a part: {reasons}."
+    ),
+}
+REPORTS: Final[Mapping[GripperName, str]] = {
+    GripperName.ARM: key("the arm gripper reports that {reason}"),
+    GripperName.FIXED: key("the fixed gripper reports that {reason}"),
+}
+OPENS: Final[Mapping[GripperName, str]] = {
+    GripperName.ARM: "`cellctl recover --cell CELL --open arm`",
+    GripperName.FIXED: "`cellctl recover --cell CELL --open fixed`",
+}
+
+
 def _refusal(
     known: Sequence[Held], openings: Sequence[Opening], *, is_part_removed: bool, why: str
 ) -> str:
     """Return the refusal: the holder and since when, that nothing has moved, and the ways on."""
     named = {one.gripper for one in known} | {one.gripper for one in openings}
-    holders = " and ".join(f"the {name.value}" for name in GripperName if name in named)
     is_sure = any(one.occupancy is Occupancy.HOLDS for one in openings)
-    verb = ("hold" if len(named) > 1 else "holds") if is_sure else "may hold"
     reasons = [
         *dict.fromkeys(known_words(one) for one in known),
-        *(f"the {one.gripper.value} reports that {one.reason}" for one in openings),
+        *(say(REPORTS[one.gripper], reason=one.reason) for one in openings),
     ]
-    opens = " or ".join(
-        f"`cellctl recover --cell CELL --open {'arm' if name is GripperName.ARM else 'fixed'}`"
-        for name in GripperName
-        if name in named
+    opens = joined(" or ", (OPENS[name] for name in GripperName if name in named))
+    again = "" if is_part_removed else key(" with --part-removed")
+    holds = (HOLDS if is_sure else MAY_HOLD)[frozenset(named)]
+    held = say(holds, reasons=joined("; ", reasons))
+    on = key(
+        "To go on with the part, start with --auto-recover, or use `cellctl recover --accept`. "
     )
-    again = "" if is_part_removed else " with --part-removed"
-    first = f"{holders} {verb} a part: {'; '.join(reasons)}."
-    on = "To go on with the part, start with --auto-recover, or use `cellctl recover --accept`. "
     if why:
-        on = f"The cell does not go on by itself: {why}. "
+        on = say("The cell does not go on by itself: {why}. ", why=why)
     elif not known or is_part_removed:
         on = ""
-    return (
-        f"{first[0].upper()}{first[1:]} Nothing has moved. {on}To take the part out: {opens} opens "
-        f"the gripper while you hold it; then start again{again}."
+    return say(
+        "{held} Nothing has moved. {on}To take the part out: {opens} opens the gripper while you "
+        "hold it; then start again{again}.",
+        held=held,
+        on=on,
+        opens=opens,
+        again=again,
     )
 
 
 def known_words(one: Held) -> str:
     """Return in words the journal's record of a gripper: its part, of which run, since when."""
-    part = f"part {one.part} of " if one.part else ""
-    since = datetime.fromisoformat(one.since)
-    detail = f" ({one.detail})" if one.detail else ""
-    what = "its position is unknown" if one.custody is Custody.UNKNOWN else one.custody.value
-    return f"{part}run {one.run}, {what}{detail} since {since:%Y-%m-%d %H:%M:%S} UTC"
+    part = say("part {part} of ", part=one.part) if one.part else ""
+    since = f"{datetime.fromisoformat(one.since):%Y-%m-%d %H:%M:%S}"
+    detail = say(" ({detail})", detail=one.detail) if one.detail else ""
+    what = key("its position is unknown") if one.custody is Custody.UNKNOWN else one.custody.value
+    return say(
+        "{part}run {run}, {what}{detail} since {since} UTC",
+        part=part,
+        run=one.run,
+        what=what,
+        detail=detail,
+        since=since,
+    )

@@ -19,6 +19,7 @@ from controller.setup.drivers import KIND_OF, find_driver
 from drivers.attendance import BEAT_WALL_S
 from drivers.clock import CellClock
 from drivers.errors import LinkError
+from messages import say
 
 SLOW_SHARE = 0.8  # share of the requested speed below which a machine is called slow
 SETTLED_S = 30.0  # least cell time over which the speed reached is meaningful
@@ -178,15 +179,17 @@ class Speed:
             return None
         if self.reached < SLOW_SHARE * self.asked:
             self._is_reported = True
-            return (
-                f"this machine is slow: {self}; the cell's time runs slower, so that nothing "
-                "times out and nothing is lost"
+            return say(
+                "this machine is slow: {what}; the cell's time runs slower, so "
+                "that nothing times out and nothing is lost",
+                what=self,
             )
         if self.missed_s > MISSED_WALL_S:
             self._is_reported = True
-            return (
-                f"this machine is slow: the controller was late by {self.missed_s:.1f} s in all; "
-                "time-outs wait that much longer"
+            return say(
+                "this machine is slow: the controller was late by {missed_s:.1f} s "
+                "in all; time-outs wait that much longer",
+                missed_s=self.missed_s,
             )
         return None
 
@@ -199,4 +202,6 @@ class Speed:
         }
 
     def __str__(self) -> str:
-        return f"{self.asked:g}x asked, {self.reached:.1f}x reached"
+        return say(
+            "{asked:g}x asked, {reached:.1f}x reached", asked=self.asked, reached=self.reached
+        )

@@ -14,6 +14,7 @@ from typing import IO, Any
 
 from controller.arrays import FloatArray
 from controller.config import ConfigError
+from messages import key, say
 
 # Guards against a hang. The first use of a part takes minutes on a busy machine, because the part
 # is decomposed into convex pieces.
@@ -126,7 +127,9 @@ def emulated_cell(command: Sequence[str], log_path: Path | None = None) -> Itera
             env=os.environ | {"PYTHONUNBUFFERED": "1"},
         )
         try:
-            yield _ready(process, log, "" if log_path is None else f"; see {log_path}")
+            yield _ready(
+                process, log, "" if log_path is None else say("; see {log_path}", log_path=log_path)
+            )
         finally:
             _end(process)
 
@@ -147,15 +150,26 @@ def _ready(process: "subprocess.Popen[bytes]", log: IO[bytes], where: str) -> di
             line = lines.get(timeout=READY_TIMEOUT_S)
         except queue.Empty:
             raise EmulatorError(
-                f"the emulated cell was not ready within {READY_TIMEOUT_S:.0f} s; close what else "
-                f"runs on this machine and start again{where}"
+                say(
+                    "the emulated cell was not ready within {ready_timeout_s:.0f} s; "
+                    "close what else runs on this machine and start again{where}",
+                    ready_timeout_s=READY_TIMEOUT_S,
+                    where=where,
+                )
             ) from None
         if not line:
             code = process.wait()
             words = _last_words(log)
             if code == CANNOT_START:
                 raise ConfigError(words.removeprefix("emulators.app: "))
-            raise EmulatorError(f"the emulated cell ended with code {code}: {words}{where}")
+            raise EmulatorError(
+                say(
+                    "the emulated cell ended with code {code}: {words}{where}",
+                    code=code,
+                    words=words,
+                    where=where,
+                )
+            )
         try:
             body = json.loads(line)
         except ValueError:
@@ -167,7 +181,7 @@ def _ready(process: "subprocess.Popen[bytes]", log: IO[bytes], where: str) -> di
 def _last_words(log: IO[bytes]) -> str:
     log.seek(0)
     lines = [line for line in log.read().decode(errors="replace").splitlines() if line.strip()]
-    return lines[-1] if lines else "no message"
+    return lines[-1] if lines else key("no message")
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:

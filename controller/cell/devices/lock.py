@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Final
 
 from controller.config import EMULATED, Cell
+from messages import key, say
 
 from ..errors import CellError
 from ..journal import JournalError
@@ -69,8 +70,13 @@ class Holder:
         return cls(run, user, socket.gethostname(), os.getpid(), now, control)
 
     def __str__(self) -> str:
-        return (
-            f"run {self.run} of {self.user} (process {self.pid} on {self.host}, since {self.since})"
+        return say(
+            "run {run} of {user} (process {pid} on {host}, since {since})",
+            run=self.run,
+            user=self.user,
+            pid=self.pid,
+            host=self.host,
+            since=self.since,
         )
 
 
@@ -156,7 +162,11 @@ def _hold(path: Path, holder: Holder) -> Iterator[None]:
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError as error:
         raise JournalError(
-            f"lock {path}: {error.strerror}; nothing moves without it. Make its folder writable"
+            say(
+                "lock {path}: {strerror}; nothing moves without it. Make its folder writable",
+                path=path,
+                strerror=error.strerror,
+            )
         ) from error
     try:
         _lock(fd, fcntl.LOCK_EX, path)
@@ -175,8 +185,12 @@ def _lock(fd: int, how: int, path: Path) -> None:
         fcntl.flock(fd, how | fcntl.LOCK_NB)
     except BlockingIOError as error:
         raise CellBusyError(
-            f"the cell is busy: {_holder(fd) or 'another process'} has it. Nothing has moved. Wait "
-            f"until that run has ended, or stop it with `cellctl stop` (lock: {path})"
+            say(
+                "the cell is busy: {holder} has it. Nothing has moved. Wait until "
+                "that run has ended, or stop it with `cellctl stop` (lock: {path})",
+                holder=_holder(fd) or key("another process"),
+                path=path,
+            )
         ) from error
 
 

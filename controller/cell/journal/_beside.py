@@ -8,6 +8,8 @@ the file is synced after the lock is released.
 import os
 from pathlib import Path
 
+from messages import say
+
 from ._form import JournalError
 from ._head import HeadError, HeadFile, head_path, read_head
 from ._writer import Journal
@@ -31,7 +33,7 @@ def append_beside(path: Path, run: str, row: Body, part: int | None = None) -> i
     JournalError : there is no journal, or it cannot be written
     """
     if not path.is_file():
-        raise JournalError(f"no journal at {path}")
+        raise JournalError(say("no journal at {path}", path=path))
     journal = Journal(path, run)
     try:
         seq = journal.write(row, part)
@@ -39,7 +41,7 @@ def append_beside(path: Path, run: str, row: Body, part: int | None = None) -> i
         put_on_disk(path.with_name(path.name + LOG_SUFFIX), path, path.parent)
         _raise_head(path, seq)
     except (OSError, HeadError) as error:
-        raise JournalError(f"journal {path}: {error}") from error
+        raise JournalError(say("journal {path}: {error}", path=path, error=error)) from error
     finally:
         journal.leave()
     return seq

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from messages import key, say
+
 from ._form import JOURNAL_NAME, JournalError
 from ._head import SUFFIX, Head, HeadError, read_head
 from ._writer import Journal, last_row, require_known_version
@@ -55,20 +57,26 @@ def open_cell_journal(path: Path, run: str, stamps: Stamps = HOST_STAMPS) -> Cel
         nothing may move without it
     """
     if why := why_not_there(path):
-        raise JournalError(f"journal {path}: {why}. Nothing has moved")
+        raise JournalError(say("journal {path}: {why}. Nothing has moved", path=path, why=why))
     try:
         flaw = first_flaw(path)
         if flaw is None:
             return CellJournal(Journal(path, run, stamps))
         kept = _set_aside(path, stamps)
     except OSError as error:
-        raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
+        raise JournalError(
+            say("journal {path}: {error}; nothing moves without it", path=path, error=error)
+        ) from error
     journal = Journal(path, run, stamps)
     # lost in a power cut, it would leave a new journal that knows of no part
     journal.write_synced(JournalSetAside(why=flaw, file=kept.name))
-    notice = (
-        f"The journal {path} cannot be trusted: {flaw}. It is kept as {kept.name}, and a "
-        "new one begins. Its record of parts in the grippers is lost."
+    notice = say(
+        "The journal {path} cannot be trusted: {flaw}. It is kept as "
+        "{name}, and a new one begins. Its record of parts in the grippers "
+        "is lost.",
+        path=path,
+        flaw=flaw,
+        name=kept.name,
     )
     return CellJournal(journal, notice)
 
@@ -90,22 +98,24 @@ def first_flaw(path: Path) -> str | None:
     except HeadError as error:
         return str(error)
     if not path.exists():
-        return None if head is None else f"it is gone, its head names row {head.seq}"
+        return None if head is None else say("it is gone, its head names row {seq}", seq=head.seq)
     if not path.is_file():
         raise JournalError(
-            f"journal {path}: is not a file; nothing moves without one. Move it away"
+            say("journal {path}: is not a file; nothing moves without one. Move it away", path=path)
         )
     if path.stat().st_size == 0:
-        return None if head is None else "the file is empty"
+        return None if head is None else key("the file is empty")
     try:
         return _flaw_inside(path, head)
     except sqlite3.Error as error:
         # SQLite gives no error code for text that cannot be decoded
         if getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF in _DAMAGE:
             return str(error)
-        raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
+        raise JournalError(
+            say("journal {path}: {error}; nothing moves without it", path=path, error=error)
+        ) from error
     except UnicodeDecodeError as error:  # SQLite returned text that cannot be decoded
-        return f"the file is damaged ({error})"
+        return say("the file is damaged ({error})", error=error)
 
 
 def _flaw_inside(path: Path, head: Head | None) -> str | None:
@@ -118,12 +128,16 @@ def _flaw_inside(path: Path, head: Head | None) -> str | None:
             if count == 0:
                 return "it has no table"
             raise JournalError(
-                f"journal {path}: is not a journal of cellctl; nothing moves without one. Move "
-                "the file away, or use another folder of runs (--runs)"
+                say(
+                    "journal {path}: is not a journal of cellctl; nothing moves "
+                    "without one. Move the file away, or use another folder of runs "
+                    "(--runs)",
+                    path=path,
+                )
             )
         (state,) = db.execute("PRAGMA quick_check(1)").fetchone()
         if state != "ok":
-            return f"the file is damaged ({state.splitlines()[-1]})"
+            return say("the file is damaged ({splitlines})", splitlines=state.splitlines()[-1])
         last = last_row(db)
         if last is None:
             return None if head is None else "it has no row"
@@ -132,7 +146,7 @@ def _flaw_inside(path: Path, head: Head | None) -> str | None:
         except JournalError as error:
             return str(error)
         if broken is not None:
-            return f"row {broken} was changed, or rows before it were removed"
+            return say("row {broken} was changed, or rows before it were removed", broken=broken)
         return _flaw_at_the_end(db, path, head, last) or _flaw_of_the_table(db)
     finally:
         db.close()
@@ -146,9 +160,15 @@ def _flaw_at_the_end(
         # a journal without a version was written before there were heads
         return "its head is missing" if version and _has_secured(path) else None
     if head.seq > last.seq:
-        return f"it ends with row {last.seq}, its head names row {head.seq}: rows were cut off"
+        return say(
+            "it ends with row {seq}, its head names row {seq2}: rows were cut off",
+            seq=last.seq,
+            seq2=head.seq,
+        )
     (found,) = db.execute("SELECT hash FROM journal WHERE seq = ?", (head.seq,)).fetchone()
-    return None if found == head.hash else f"row {head.seq} is not the one its head names"
+    return (
+        None if found == head.hash else say("row {seq} is not the one its head names", seq=head.seq)
+    )
 
 
 def _has_secured(path: Path) -> bool:

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from messages import say
+
 LENGTH: Final = 128  # one short line of fixed length, so that it is written in one piece
 SUFFIX: Final = ".head"
 
@@ -61,9 +63,9 @@ def read_head_file(path: Path) -> Head | None:
         body = json.loads(text)
         head = Head(body["seq"], body["hash"])
     except (ValueError, KeyError, TypeError) as error:
-        raise HeadError(f"{path} is no head of a journal") from error
+        raise HeadError(say("{path} is no head of a journal", path=path)) from error
     if type(head.seq) is not int or type(head.hash) is not str:
-        raise HeadError(f"{path} is no head of a journal")
+        raise HeadError(say("{path} is no head of a journal", path=path))
     return head
 
 

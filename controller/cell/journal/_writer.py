@@ -18,6 +18,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
+from messages import say
+from messages.form import with_said
+
 from ._form import CELL_TIME, GENESIS, JournalError, RowKind, digest_of
 from ._head import Head, HeadFile, head_path
 from .place import OpenFiles
@@ -74,7 +77,9 @@ class Journal:
                 self._close()
                 raise
         except (sqlite3.Error, OSError) as error:
-            raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
+            raise JournalError(
+                say("journal {path}: {error}; nothing moves without it", path=path, error=error)
+            ) from error
 
     def _begin(self) -> None:
         """Make the table if there is none. Two processes that begin a journal take turns."""
@@ -211,7 +216,7 @@ class Journal:
     def _entry(
         self, kind: RowKind, name: str, body: Mapping[str, Any], part: int | None, *, full: bool
     ) -> PendingRow:
-        text = json.dumps(body, separators=(",", ":"), ensure_ascii=False)
+        text = json.dumps(with_said(body), separators=(",", ":"), ensure_ascii=False)
         # File names may have bytes that are not text; the row matters more than their spelling.
         text = text.encode("utf-8", "backslashreplace").decode("utf-8")
         is_at_once = self._behind is None and self._held is None
@@ -252,7 +257,9 @@ class Journal:
                     self._db.execute("PRAGMA synchronous = NORMAL")
                     self._note_head(head)
             except (sqlite3.Error, OSError) as error:
-                raise JournalError(f"journal {self.path}: {error}") from error
+                raise JournalError(
+                    say("journal {path}: {error}", path=self.path, error=error)
+                ) from error
         if self.on_row is not None:
             self.on_row(head.seq, entry.kind, entry.name)
         return head.seq
@@ -347,7 +354,13 @@ def require_known_version(db: sqlite3.Connection, path: Path) -> int:
     (version,) = db.execute("PRAGMA user_version").fetchone()
     if not 0 <= version <= SCHEMA_VERSION:
         raise JournalError(
-            f"journal {path} is of version {version}, this cellctl knows {SCHEMA_VERSION}. Nothing "
-            "has moved. Use the cellctl that wrote it, or another folder of runs (--runs)"
+            say(
+                "journal {path} is of version {version}, this cellctl knows "
+                "{schema_version}. Nothing has moved. Use the cellctl that wrote "
+                "it, or another folder of runs (--runs)",
+                path=path,
+                version=version,
+                schema_version=SCHEMA_VERSION,
+            )
         )
     return int(version)

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from messages import key, say
+
 from ._form import JournalError
 
 LOG_SUFFIX: Final = "-wal"
@@ -100,9 +102,14 @@ def why_not_there(path: Path, mounts: Path | None = None) -> str:
     found = file_system_of(path, mounts or MOUNTS)
     if found is None or not found.is_network:
         return ""
-    return (
-        f"{path.parent} is on a network file system ({found.kind}, {found.source} at {found.at}), "
-        "which cannot keep a journal whole. Give a folder on a disk of this computer by --runs"
+    return say(
+        "{parent} is on a network file system ({kind}, {source} at {at}), "
+        "which cannot keep a journal whole. Give a folder on a disk of "
+        "this computer by --runs",
+        parent=path.parent,
+        kind=found.kind,
+        source=found.source,
+        at=found.at,
     )
 
 
@@ -146,7 +153,12 @@ class OpenFiles:
         if now == self._were:
             return
         lost = [one for one in self._were if now.get(one) != self._were[one]] or [self._path]
-        how = "replaced by another file" if lost[0] in now else "deleted or moved"
+        how = key("replaced by another file") if lost[0] in now else key("deleted or moved")
         raise JournalError(
-            f"journal {self._path}: {lost[0].name} was {how} while the cell was working"
+            say(
+                "journal {path}: {name} was {how} while the cell was working",
+                path=self._path,
+                name=lost[0].name,
+                how=how,
+            )
         )

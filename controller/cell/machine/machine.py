@@ -15,6 +15,8 @@ from typing import Literal
 from transitions import EventData, MachineError
 from transitions.extensions.nesting import HierarchicalMachine
 
+from messages import say
+
 from .table import (
     FORBIDDING,
     IGNORED,
@@ -121,7 +123,12 @@ class CellMachine:
         possible = sorted(
             t.event for t in self.transitions() if t.source == self.state and t.target
         )
-        return f"`{event.value}` is not possible in {self.state}; possible: {', '.join(possible)}"
+        return say(
+            "`{value}` is not possible in {state}; possible: {possible}",
+            value=event.value,
+            state=self.state,
+            possible=", ".join(possible),
+        )
 
     def transitions(self) -> tuple[Transition, ...]:
         """Return all transitions, in the machine's own order."""

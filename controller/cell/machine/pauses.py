@@ -4,13 +4,15 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Final
 
+from messages import key
+
 from .table import Event
 
 
 class PauseKind(StrEnum):
     """The start of a pause, the least urgent first; the value is what a person types."""
 
-    AFTER_STEP = "step"
+    AFTER_STEP = key("step")
     SAFE_POINT = "safe"
     NOW = "now"
 
@@ -26,8 +28,8 @@ PAUSE_EVENTS: Final[Mapping[PauseKind, Event]] = {
     PauseKind.NOW: Event.PAUSE_NOW,
 }
 PAUSE_WORDS: Final[Mapping[PauseKind, str]] = {
-    PauseKind.AFTER_STEP: "after this step",
-    PauseKind.SAFE_POINT: "at the next safe point",
+    PauseKind.AFTER_STEP: key("after this step"),
+    PauseKind.SAFE_POINT: key("at the next safe point"),
     PauseKind.NOW: "now",
 }
 
@@ -38,14 +40,14 @@ class SafePoint(StrEnum):
     Nothing is being closed or opened, nothing is near contact, and custody is known.
     """
 
-    PARKED = "the arm is parked and empty"
-    STANDING = "the arm stands still where it was, before it withdraws"
-    ABOVE_TABLE = "the arm stands above the part, its jaws open"
-    LIFTED = "the arm gripper has the part, clear of the table"
-    AT_VIEW = "the arm gripper has the part, before the inspection camera"
-    IN_FIXED = "the fixed gripper has the part, the arm is clear of it"
-    TAKEN_BACK = "the arm gripper has the part again, clear of the fixed gripper"
-    BEFORE_SETTING_DOWN = "the arm gripper has the part, above the table"
-    SET_DOWN = "the part is on the table, the arm is clear of it"
-    BEFORE_PLACING = "the arm gripper has the part, above its tray"
-    PLACED = "the part is in its tray, the arm is clear of it"
+    PARKED = key("the arm is parked and empty")
+    STANDING = key("the arm stands still where it was, before it withdraws")
+    ABOVE_TABLE = key("the arm stands above the part, its jaws open")
+    LIFTED = key("the arm gripper has the part, clear of the table")
+    AT_VIEW = key("the arm gripper has the part, before the inspection camera")
+    IN_FIXED = key("the fixed gripper has the part, the arm is clear of it")
+    TAKEN_BACK = key("the arm gripper has the part again, clear of the fixed gripper")
+    BEFORE_SETTING_DOWN = key("the arm gripper has the part, above the table")
+    SET_DOWN = key("the part is on the table, the arm is clear of it")
+    BEFORE_PLACING = key("the arm gripper has the part, above its tray")
+    PLACED = key("the part is in its tray, the arm is clear of it")

@@ -13,6 +13,8 @@ from typing import Final
 
 import numpy as np
 
+from messages import key
+
 from .table import Event
 
 # How far a part may be from its planned grasp before paths and hand-offs are planned anew. A
@@ -27,16 +29,16 @@ WORTH_SHARE: Final = 0.01
 class PartFault(StrEnum):
     """A fault of a part that may be recovered from; the value is its code."""
 
-    GRASP_MISSED = "grip_missed"
-    GRASP_WRONG = "grip_wrong"
-    DROPPED = "part_lost"
-    NOT_SEEN = "part_not_seen"
-    HOLD_NOT_SEEN = "hold_not_seen"
-    HELD_OTHERWISE = "held_otherwise"
-    HAND_OFF_FAILED = "hand_off_failed"
-    RECEIVE_FAILED = "take_back_failed"
-    SEEN_TOO_LITTLE = "seen_too_little"
-    AMBIGUOUS = "ambiguous"
+    GRASP_MISSED = key("grip_missed")
+    GRASP_WRONG = key("grip_wrong")
+    DROPPED = key("part_lost")
+    NOT_SEEN = key("part_not_seen")
+    HOLD_NOT_SEEN = key("hold_not_seen")
+    HELD_OTHERWISE = key("held_otherwise")
+    HAND_OFF_FAILED = key("hand_off_failed")
+    RECEIVE_FAILED = key("take_back_failed")
+    SEEN_TOO_LITTLE = key("seen_too_little")
+    AMBIGUOUS = key("ambiguous")
 
     @property
     def policy_key(self) -> str:
@@ -47,14 +49,14 @@ class PartFault(StrEnum):
 class Act(StrEnum):
     """An action of the policy; the value is its name in recipe and cell files."""
 
-    RETRY = "retry"
-    RE_POSE = "re_pose"
-    REGRASP = "regrasp"
-    OTHER_VIEW = "other_view"
-    SKIP = "skip_characteristic"
-    PARK = "park_part"
-    HOLD = "hold"
-    ABORT = "abort"
+    RETRY = key("retry")
+    RE_POSE = key("re_pose")
+    REGRASP = key("regrasp")
+    OTHER_VIEW = key("other_view")
+    SKIP = key("skip_characteristic")
+    PARK = key("park_part")
+    HOLD = key("hold")
+    ABORT = key("abort")
 
 
 ENDS: Final = frozenset({Act.SKIP, Act.PARK, Act.HOLD, Act.ABORT})
@@ -92,18 +94,18 @@ class FaultPolicy:
 
 # The event that leads back to the work, and in words where to.
 BACK: Final[Mapping[PartFault, tuple[Event, str]]] = {
-    PartFault.GRASP_MISSED: (Event.GRASP_MISSED, "looking at the table again"),
-    PartFault.GRASP_WRONG: (Event.GRASP_MISSED, "looking at the table again"),
-    PartFault.DROPPED: (Event.PART_DROPPED, "looking for the fallen part"),
-    PartFault.NOT_SEEN: (Event.PART_NOT_SEEN, "looking at the table once more"),
-    PartFault.HOLD_NOT_SEEN: (Event.PART_DROPPED, "looking for the part on the table"),
-    PartFault.HELD_OTHERWISE: (Event.PLAN_VOID, "planning onwards from the measured grasp"),
-    PartFault.HAND_OFF_FAILED: (Event.PLAN_VOID, "planning onwards from the arm gripper"),
-    PartFault.RECEIVE_FAILED: (Event.PLAN_VOID, "planning onwards from the fixed gripper"),
-    PartFault.SEEN_TOO_LITTLE: (Event.PLAN_VOID, "planning the remaining views"),
-    PartFault.AMBIGUOUS: (Event.PLAN_VOID, "bringing the part to a tray"),
+    PartFault.GRASP_MISSED: (Event.GRASP_MISSED, key("looking at the table again")),
+    PartFault.GRASP_WRONG: (Event.GRASP_MISSED, key("looking at the table again")),
+    PartFault.DROPPED: (Event.PART_DROPPED, key("looking for the fallen part")),
+    PartFault.NOT_SEEN: (Event.PART_NOT_SEEN, key("looking at the table once more")),
+    PartFault.HOLD_NOT_SEEN: (Event.PART_DROPPED, key("looking for the part on the table")),
+    PartFault.HELD_OTHERWISE: (Event.PLAN_VOID, key("planning onwards from the measured grasp")),
+    PartFault.HAND_OFF_FAILED: (Event.PLAN_VOID, key("planning onwards from the arm gripper")),
+    PartFault.RECEIVE_FAILED: (Event.PLAN_VOID, key("planning onwards from the fixed gripper")),
+    PartFault.SEEN_TOO_LITTLE: (Event.PLAN_VOID, key("planning the remaining views")),
+    PartFault.AMBIGUOUS: (Event.PLAN_VOID, key("bringing the part to a tray")),
 }
-PARKING: Final = (Event.PLAN_VOID, "parking the part in the quarantine tray")
+PARKING: Final = (Event.PLAN_VOID, key("parking the part in the quarantine tray"))
 # Faults in which a gripper still has the part and its pose in it is known: it may be parked.
 STILL_HELD: Final = frozenset(
     {

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import Final
 
+from messages import key
+
 from .table import Effect
 
 
@@ -12,13 +14,13 @@ class Resource(Enum):
 
     TABLE = "table"
     STATION = "station"
-    HAND_OFF = "hand-off volume"
+    HAND_OFF = key("hand-off volume")
     TRAYS = "trays"
     ARM = "arm"
-    ARM_GRIPPER = "arm gripper"
-    FIXED_GRIPPER = "fixed gripper"
-    OVERHEAD = "overhead camera"
-    INSPECTION = "inspection camera"
+    ARM_GRIPPER = key("arm gripper")
+    FIXED_GRIPPER = key("fixed gripper")
+    OVERHEAD = key("overhead camera")
+    INSPECTION = key("inspection camera")
     LAMPS = "lamps"
 
     @property

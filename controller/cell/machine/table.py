@@ -10,20 +10,22 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Final
 
+from messages import key
+
 
 class Event(StrEnum):
     """An event of the cell; the value is its name in the journal."""
 
-    RESET = "reset"
+    RESET = key("reset")
     RESET_DONE = "reset_done"
-    START = "start"
-    RECOVER = "recover"
+    START = key("start")
+    RECOVER = key("recover")
     PICTURE_TAKEN = "picture_taken"
     PART_RECOGNISED = "part_recognised"
     PLANNED = "planned"
     PLANNED_ON = "planned_on"
     GRASPED = "grasped"
-    GRASP_MISSED = "grip_missed"
+    GRASP_MISSED = key("grip_missed")
     SHOWN = "shown"
     INSPECTED = "inspected"
     HAND_OFF_DUE = "hand_off_due"
@@ -31,11 +33,11 @@ class Event(StrEnum):
     SET_DOWN_DUE = "set_down_due"
     SET_DOWN = "set_down"
     PART_DROPPED = "part_dropped"
-    PART_NOT_SEEN = "part_not_seen"
+    PART_NOT_SEEN = key("part_not_seen")
     WITHDRAWN = "withdrawn"
     PLAN_VOID = "plan_void"
     ALL_SEEN = "all_seen"
-    PLACED = "placed"
+    PLACED = key("placed")
     PART_DONE = "part_done"
     BATCH_DONE = "batch_done"
     PART_PROBLEM = "part_problem"
@@ -47,18 +49,18 @@ class Event(StrEnum):
     PAUSE_AT_SAFE_POINT = "pause_at_safe_point"
     PAUSE_NOW = "pause_now"
     PAUSED = "paused"
-    RESUME = "resume"
+    RESUME = key("resume")
     RESUMED = "resumed"
-    STEP = "step"
+    STEP = key("step")
     STEP_BEGUN = "step_begun"
     GUARD_OPENED = "guard_opened"
     ACKNOWLEDGE = "acknowledge"
     NOT_PROVEN = "not_proven"
-    STOP = "stop"
+    STOP = key("stop")
     STOP_DONE = "stop_done"
     FAULT = "fault"
     ABORT_DONE = "abort_done"
-    CLEAR = "clear"
+    CLEAR = key("clear")
     CLEAR_DONE = "clear_done"
 
 
@@ -66,7 +68,7 @@ class Effect(StrEnum):
     """A task that the dispatcher is to start."""
 
     HOME = "home"
-    RECOVER = "recover"
+    RECOVER = key("recover")
     ACQUIRE = "acquire"
     RECOGNISE = "recognise"
     PLAN = "plan"
@@ -77,8 +79,8 @@ class Effect(StrEnum):
     SET_DOWN = "set_down"
     WITHDRAW = "withdraw"
     PLACE = "place"
-    COMPLETE = "complete"
-    HOLD = "hold"
+    COMPLETE = key("complete")
+    HOLD = key("hold")
     CONSULT = "consult"
     SUSPEND = "suspend"
     UNSUSPEND = "unsuspend"
@@ -348,19 +350,19 @@ IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
     (
         (Event.FAULT,),
         ("aborting", "aborted"),
-        "already aborting: the first fault is the one on record",
+        key("already aborting: the first fault is the one on record"),
     ),
     (
         (Event.STOP,),
         ("stopped", "stopping", "aborting", "aborted", "complete", "clearing"),
-        "nothing moves any more",
+        key("nothing moves any more"),
     ),
     (
         PAUSES,
         ("stopped", "stopping", "aborting", "aborted", "complete", "clearing", "holding", "held"),
-        "nothing moves any more",
+        key("nothing moves any more"),
     ),
-    (PAUSES, _SUSPENDED, "already paused"),
+    (PAUSES, _SUSPENDED, key("already paused")),
     (
         (Event.GUARD_OPENED,),
         (
@@ -375,11 +377,11 @@ IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
             "held",
             *_SUSPENDED,
         ),
-        "nothing moves: the next motion waits until the door is closed",
+        key("nothing moves: the next motion waits until the door is closed"),
     ),
-    ((Event.RESUME,), _WORKING, "nothing is paused"),
-    ((Event.STEP,), _SUSPENDING, "already pausing after this step or sooner"),
-    ((Event.RESUME, Event.STEP), _UNSUSPENDING, "already resumed"),
+    ((Event.RESUME,), _WORKING, key("nothing is paused")),
+    ((Event.STEP,), _SUSPENDING, key("already pausing after this step or sooner")),
+    ((Event.RESUME, Event.STEP), _UNSUSPENDING, key("already resumed")),
     # The fixed gripper may report late what the arm gripper has already found.
     (
         (Event.PART_DROPPED,),
@@ -389,21 +391,21 @@ IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
             for name in _LOOKING
             if mode is not Mode.UNSUSPENDING
         ),
-        "no gripper holds the part: the cell is looking for it already",
+        key("no gripper holds the part: the cell is looking for it already"),
     ),
     # A pause may end in the same moment in which its work does, or be overtaken by the next order.
-    ((Event.PAUSED,), (*_SUSPENDED, *_UNSUSPENDING, *_WORKING), "this pause is over"),
+    ((Event.PAUSED,), (*_SUSPENDED, *_UNSUSPENDING, *_WORKING), key("this pause is over")),
     (
         (Event.RESUMED, Event.STEP_BEGUN, Event.NOT_PROVEN),
         (*_SUSPENDED, *_SUSPENDING, *_WORKING),
-        "this pause is over",
+        key("this pause is over"),
     ),
-    ((Event.LOOK_AGAIN,), (*_SUSPENDED, *_SUSPENDING, *_WORKING), "this pause is over"),
+    ((Event.LOOK_AGAIN,), (*_SUSPENDED, *_SUSPENDING, *_WORKING), key("this pause is over")),
     # The dispatcher reports it again once the pause is over: what follows is no work that waits.
     (
         (Event.RESET_DONE,),
         tuple(state for mode, state in _RESETTING.items() if mode is not Mode.EXECUTE),
-        "homing has ended in a pause: the next step waits until the pause ends",
+        key("homing has ended in a pause: the next step waits until the pause ends"),
     ),
     *(
         (
@@ -420,26 +422,26 @@ REFUSED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
     (
         (*PAUSES, Event.STEP),
         ("idle", *_RESETTING.values()),
-        "homing finds its references in one go: pause once it is done, or stop",
+        key("homing finds its references in one go: pause once it is done, or stop"),
     ),
     (
         (Event.RESUME,),
         _SUSPENDING,
-        "the pause has not begun yet: resume once the cell stands still",
+        key("the pause has not begun yet: resume once the cell stands still"),
     ),
     (
         (Event.RESUME, Event.STEP),
         ("stopping", "stopped", "aborting", "aborted", "clearing"),
-        "a stop ends the run, and so does a fault: nothing is paused. Start again",
+        key("a stop ends the run, and so does a fault: nothing is paused. Start again"),
     ),
     (
         (Event.ACKNOWLEDGE,),
         tuple(state for state in STATES if state not in _SUSPENDED),
-        "nothing is waiting for an acknowledgement",
+        key("nothing is waiting for an acknowledgement"),
     ),
     (
         (Event.RESUME, Event.STEP),
         ("holding", "held"),
-        "the cell waits for an answer: answer its question",
+        key("the cell waits for an answer: answer its question"),
     ),
 )

@@ -4,6 +4,8 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from messages import key, say
+
 from .question import Answer, Question
 
 
@@ -76,16 +78,25 @@ class Desk:
         answer : one of its choices, or a text where one is asked for; who gives it and why
         """
         if self._open is None or self._open[1].done():
-            return "there is no question to answer"
+            return key("there is no question to answer")
         raised, answered = self._open
         if number not in (None, raised.number):
-            return f"question {number} is not open any more; question {raised.number} is"
+            return say(
+                "question {number} is not open any more; question {number2} is",
+                number=number,
+                number2=raised.number,
+            )
         keys = [choice.key for choice in raised.question.choices]
         if answer.key not in keys and raised.question.entry:
             refusal = raised.question.check(answer.key)
             if refusal:
                 return refusal
         elif answer.key not in keys:
-            return f"`{answer.key}` is no answer to question {raised.number}: {', '.join(keys)}"
+            return say(
+                "`{key}` is no answer to question {number}: {keys}",
+                key=answer.key,
+                number=raised.number,
+                keys=", ".join(keys),
+            )
         answered.set_result(answer)
         return ""

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from messages import key, say
+
 from ..journal import Journal, is_of, read_rows_of_kinds
 from ..journal.rows import Acknowledged, RunBegan
 from .question import ACK, Choice, Operator, Question
@@ -39,10 +41,13 @@ class Latch:
     @property
     def words(self) -> str:
         """A sentence for the operator: the cause, and what to do."""
-        return (
-            f"run {self.run} was stopped at {self.since} and nobody has acknowledged it: "
-            f"{self.message}. Look at the cell, then state why it may start again: "
-            'cellctl ack --why "..."'
+        return say(
+            "run {run} was stopped at {since} and nobody has acknowledged it: "
+            "{message}. Look at the cell, then state why it may start again: "
+            'cellctl ack --why "..."',
+            run=self.run,
+            since=self.since,
+            message=self.message,
         )
 
 
@@ -105,8 +110,8 @@ async def require_acknowledged(
     if latch is None:
         return None
     choices = (
-        Choice(ACK, "I have looked at the cell, and it may start"),
-        Choice("stop", "end here; nothing has moved"),
+        Choice(ACK, key("I have looked at the cell, and it may start")),
+        Choice("stop", key("end here; nothing has moved")),
     )
     answer = await operator.decide(Question("not_acknowledged", latch.words, choices))
     if answer is None or answer.key != ACK:

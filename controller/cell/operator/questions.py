@@ -6,6 +6,8 @@ The codes are those of `PartProblemError`. A choice that moves something names t
 from collections.abc import Mapping
 from typing import Final
 
+from messages import key, say
+
 from .question import Choice, Question
 
 LOOK: Final = "look"
@@ -19,38 +21,45 @@ TRAY_FULL: Final = "tray_full"
 # The problem of a part whose number nobody read; looking again means to ask for it again.
 NO_SERIAL: Final = "no_serial"
 
-_STOP: Final = Choice(STOP, "end the run; nothing is released")
+_STOP: Final = Choice(STOP, key("end the run; nothing is released"))
 _OUT: Final = Choice(
-    OUT, "I took the part out of the cell: check that both grippers are empty, then the next part"
+    OUT,
+    key("I took the part out of the cell: check that both grippers are empty, then the next part"),
 )
-_AWAY: Final = Choice(OUT, "I took the part off the table: go on with the next part")
+_AWAY: Final = Choice(OUT, key("I took the part off the table: go on with the next part"))
 # Ways back to the work where the part is on the table, or should be.
 _ON_TABLE: Final[Mapping[str, str]] = {
-    "no_part": "I have laid a part on the table: take new pictures",
-    "many_parts": "the table is cleared up, or parts lie further apart: take new pictures",
-    "unknown_object": "the table is cleared up: take new pictures",
-    "part_cut_off": "the part is inside the backlit area now: take new pictures",
-    "wrong_part": "the right part is on the table now: take new pictures",
-    "no_plan": "I have laid the part another way up: take new pictures",
+    "no_part": key("I have laid a part on the table: take new pictures"),
+    "many_parts": key("the table is cleared up, or parts lie further apart: take new pictures"),
+    "unknown_object": key("the table is cleared up: take new pictures"),
+    "part_cut_off": key("the part is inside the backlit area now: take new pictures"),
+    "wrong_part": key("the right part is on the table now: take new pictures"),
+    "no_plan": key("I have laid the part another way up: take new pictures"),
 }
-_ASKS: Final = "The part is not where it should be. Is it on the table?"
+_ASKS: Final = key("The part is not where it should be. Is it on the table?")
 # First motion after a choice that moves something.
 _FIRST: Final[Mapping[str, str]] = {
     LOOK: (
-        "the arm goes back along its own path and parks, unless it is parked already; then the "
-        "cell takes pictures"
+        key(
+            "the arm goes back along its own path and parks, unless it is parked already; then the "
+            "cell takes pictures"
+        )
     ),
-    OUT: "the arm gripper presses, to check that it is empty; then the arm parks",
+    OUT: key("the arm gripper presses, to check that it is empty; then the arm parks"),
 }
 # The same of a cell that has not been homed.
 _FIRST_UNHOMED: Final[Mapping[str, str]] = {
-    LOOK: "nothing while the fixed gripper holds something; else the arm homes, which sweeps its "
-    "whole reach, and both grippers open",
+    LOOK: key(
+        "nothing while the fixed gripper holds something; else the arm homes, which sweeps its "
+        "whole reach, and both grippers open"
+    ),
 }
 # The same with an arm of absolute encoders.
 _FIRST_NOT_PARKED: Final[Mapping[str, str]] = {
-    LOOK: "nothing while the fixed gripper holds something; else both grippers open, and the arm "
-    "goes to park",
+    LOOK: key(
+        "nothing while the fixed gripper holds something; else both grippers open, and the arm "
+        "goes to park"
+    ),
 }
 
 
@@ -66,21 +75,26 @@ def question_for(code: str, message: str, custody: str, *, sweeps_to_home: bool 
     """
     choices: tuple[Choice, ...]
     if code in _ON_TABLE:
-        text = f"{message}."
+        text = say("{message}.", message=message)
         choices = (Choice(LOOK, _ON_TABLE[code]), _AWAY, _STOP)
     elif code == NO_SERIAL:
-        text = f"{message}."
-        choices = (Choice(LOOK, "the scanner is ready: read the next number"), _STOP)
+        text = say("{message}.", message=message)
+        choices = (Choice(LOOK, key("the scanner is ready: read the next number")), _STOP)
     elif code == TRAY_FULL:
-        text = f"{message}."
-        choices = (Choice(LOOK, "they are empty now: go on with the next part"), _STOP)
+        text = say("{message}.", message=message)
+        choices = (Choice(LOOK, key("they are empty now: go on with the next part")), _STOP)
     elif code == NOT_EMPTY:
-        text = f"{message}. The cell has not been homed."
-        choices = (Choice(LOOK, "I took it out: look at the fixed gripper again"), _STOP)
+        text = say("{message}. The cell has not been homed.", message=message)
+        choices = (Choice(LOOK, key("I took it out: look at the fixed gripper again")), _STOP)
     else:
-        text = f"{message}. {_ASKS} (by the journal: {custody})"
+        text = say(
+            "{message}. {asks} (by the journal: {custody})",
+            message=message,
+            asks=_ASKS,
+            custody=custody,
+        )
         choices = (
-            Choice(LOOK, "it is on the table, or may be: look at the table again"),
+            Choice(LOOK, key("it is on the table, or may be: look at the table again")),
             _OUT,
             _STOP,
         )

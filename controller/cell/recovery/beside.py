@@ -11,6 +11,7 @@ from typing import Any
 
 from controller.arrays import FloatArray
 from controller.planning.motion import MARGIN_MM, ProvenMove
+from messages import key, say
 
 from .carried import Carried, part_in_gripper
 from .classify import Case, Opens, WayOut
@@ -77,14 +78,19 @@ def why_not_back(proven: ProvenMove | None) -> str:
     ----------
     proven : result of the proof; None if there was none
     """
-    person = "the arm stands beside the path that the journal says it was sent along"
+    person = key("the arm stands beside the path that the journal says it was sent along")
     if proven is None:
         return person
     x, y, z = proven.swept.tcp_mm
-    return (
-        f"{person}, and going back to where that move began is not proven free of contact: the arm "
-        f"or what it holds would come too close to {proven.swept.touches.replace('_', ' ')} (TCP "
-        f"about {x:.0f}, {y:.0f}, {z:.0f} mm)"
+    return say(
+        "{person}, and going back to where that move began is not proven "
+        "free of contact: the arm or what it holds would come too close to "
+        "{touches} (TCP about {x:.0f}, {y:.0f}, {z:.0f} mm)",
+        person=person,
+        touches=proven.swept.touches.replace("_", " "),
+        x=x,
+        y=y,
+        z=z,
     )
 
 
@@ -95,8 +101,11 @@ def back_evidence(proven: ProvenMove) -> str:
     ----------
     proven : free of contact
     """
-    return (
-        "arm: its axes stopped out of step, each on a share of its own of one and the same move; "
-        f"back to where that began it keeps {MARGIN_MM:.0f} mm from everything, whichever axis "
-        f"goes first ({proven.swept.pieces} pieces of joint space checked)"
+    return say(
+        "arm: its axes stopped out of step, each on a share of its own of "
+        "one and the same move; back to where that began it keeps "
+        "{margin_mm:.0f} mm from everything, whichever axis goes first "
+        "({pieces} pieces of joint space checked)",
+        margin_mm=MARGIN_MM,
+        pieces=proven.swept.pieces,
     )

@@ -11,6 +11,7 @@ from enum import StrEnum
 from typing import Final, Literal
 
 from drivers.kinds import Signal
+from messages import key, say
 
 from ..custody import Custody
 from ..journal import Once, rows
@@ -25,17 +26,17 @@ class Opens(StrEnum):
     """The gripper that has to open before the arm leaves, and the reason why that is safe."""
 
     NONE = ""
-    FIXED = "the fixed gripper opens, once the arm gripper has confirmed its hold by pressing"
-    ARM = "the arm gripper opens, once the fixed gripper reports that it holds the part"
-    ARM_ON_TABLE = "the arm gripper opens: the part rests on the table"
-    ARM_OVER_TRAY = "the arm gripper opens: the part is over its tray"
+    FIXED = key("the fixed gripper opens, once the arm gripper has confirmed its hold by pressing")
+    ARM = key("the arm gripper opens, once the fixed gripper reports that it holds the part")
+    ARM_ON_TABLE = key("the arm gripper opens: the part rests on the table")
+    ARM_OVER_TRAY = key("the arm gripper opens: the part is over its tray")
 
 
 class WayOut(StrEnum):
     """The path by which the arm leaves its place."""
 
-    BY_TRAIL = "along its path"
-    BY_RETREAT = "by the retreat of the step that was cut off"
+    BY_TRAIL = key("along its path")
+    BY_RETREAT = key("by the retreat of the step that was cut off")
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +107,7 @@ def classify(left: Interrupted, world: World) -> Case:
     rule = _INTENTS.get(left.intent.name) if left.intent else _CUSTODIES.get(left.custody)
     if rule is None:
         what = left.intent.name.replace("_", " ") if left.intent else left.custody.value
-        case = Case(left.custody, person=f"no rule of recovery begins with: {what}")
+        case = Case(left.custody, person=say("no rule of recovery begins with: {what}", what=what))
     else:
         case = rule(left, world)
     if activates and not case.person and case.opens is not Opens.NONE:
@@ -125,7 +126,7 @@ def classify(left: Interrupted, world: World) -> Case:
     )
 
 
-_NOT_ACTIVE: Final = "the fixed gripper is not active, and activating it would move its jaws"
+_NOT_ACTIVE: Final = key("the fixed gripper is not active, and activating it would move its jaws")
 
 
 def _may_activate(left: Interrupted, world: World) -> bool:
@@ -148,14 +149,14 @@ def _is_fixed_on_part(left: Interrupted, world: World) -> bool:
 def _in_arm(left: Interrupted, world: World) -> Case:
     jaws = world.arm_jaws(_mm(left.arm_hold))
     if world.does_fixed_hold and left.intent is None:
-        return _contradiction(left, "the fixed gripper reports that it holds something, too")
+        return _contradiction(left, key("the fixed gripper reports that it holds something, too"))
     if jaws is Jaws.ON_PART:
         # the giver may have been stopped before it stood wide enough for the retreat
         opens = Opens.FIXED if _gave(left, Once.RELEASE_FIXED) else Opens.NONE
         return Case(Custody.IN_ARM, opens=opens, leaves=_leaves(left))
     if jaws is Jaws.CLOSED:
         return Case(Custody.LOST, leaves=_leaves(left))
-    return _contradiction(left, f"the arm gripper's jaws {jaws.value}")
+    return _contradiction(left, say("the arm gripper's jaws {value}", value=jaws.value))
 
 
 def _in_both(left: Interrupted, world: World) -> Case:
@@ -164,10 +165,10 @@ def _in_both(left: Interrupted, world: World) -> Case:
         if _is_fixed_on_part(left, world):
             return Case(Custody.IN_BOTH, opens=Opens.ARM)
         if jaws is Jaws.ON_PART:
-            return _contradiction(left, "the fixed gripper does not report its hold any more")
+            return _contradiction(left, key("the fixed gripper does not report its hold any more"))
     elif jaws is Jaws.ON_PART:
         return Case(Custody.IN_BOTH, opens=Opens.FIXED)
-    return _contradiction(left, f"the arm gripper's jaws {jaws.value}")
+    return _contradiction(left, say("the arm gripper's jaws {value}", value=jaws.value))
 
 
 def _in_fixed(left: Interrupted, world: World) -> Case:
@@ -176,7 +177,7 @@ def _in_fixed(left: Interrupted, world: World) -> Case:
         return Case(Custody.IN_FIXED, opens=opens, leaves=_leaves(left))
     if world.is_fixed_clear:
         return Case(Custody.LOST, leaves=_leaves(left))
-    return _contradiction(left, "the fixed gripper does not report its hold")
+    return _contradiction(left, key("the fixed gripper does not report its hold"))
 
 
 def _lost(left: Interrupted, world: World) -> Case:
@@ -185,7 +186,8 @@ def _lost(left: Interrupted, world: World) -> Case:
     if jaws in (Jaws.CLOSED, Jaws.WIDER) and world.is_fixed_clear:
         return Case(Custody.LOST, leaves=_leaves(left))
     return _contradiction(
-        left, f"the arm gripper's jaws {jaws.value}: it may hang in one of the grippers"
+        left,
+        say("the arm gripper's jaws {value}: it may hang in one of the grippers", value=jaws.value),
     )
 
 
@@ -195,7 +197,7 @@ def _in_no_gripper(left: Interrupted, world: World) -> Case:
     Homing from low over the table, or from beside a tray, would meet the column.
     """
     if world.does_fixed_touch:
-        return _contradiction(left, "the fixed gripper reports that it holds something")
+        return _contradiction(left, key("the fixed gripper reports that it holds something"))
     return Case(Custody.ON_TABLE, leaves=_leaves(left))
 
 
@@ -231,7 +233,7 @@ def _hand_off(left: Interrupted, world: World) -> Case:
         done = "not done"
     if jaws is Jaws.ON_PART:
         return Case(Custody.IN_BOTH, opens=Opens.FIXED, done=done)
-    return _contradiction(left, f"the arm gripper's jaws {jaws.value}", done)
+    return _contradiction(left, say("the arm gripper's jaws {value}", value=jaws.value), done)
 
 
 def _release_arm(left: Interrupted, world: World) -> Case:
@@ -244,7 +246,7 @@ def _release_arm(left: Interrupted, world: World) -> Case:
         return Case(Custody.IN_FIXED, opens=Opens.ARM, leaves=WayOut.BY_RETREAT, done=done)
     if world.is_fixed_clear and jaws is Jaws.WIDER:
         return Case(Custody.LOST, leaves=WayOut.BY_RETREAT, done="done")
-    return _contradiction(left, f"the arm gripper's jaws {jaws.value}", "unknown")
+    return _contradiction(left, say("the arm gripper's jaws {value}", value=jaws.value), "unknown")
 
 
 def _receive(left: Interrupted, world: World) -> Case:
@@ -257,7 +259,7 @@ def _receive(left: Interrupted, world: World) -> Case:
         done = "not done"
     if _is_fixed_on_part(left, world):
         return Case(Custody.IN_BOTH, opens=Opens.ARM, done=done)
-    return _contradiction(left, "the fixed gripper does not report its hold", done)
+    return _contradiction(left, key("the fixed gripper does not report its hold"), done)
 
 
 def _release_fixed(left: Interrupted, world: World) -> Case:
@@ -267,7 +269,7 @@ def _release_fixed(left: Interrupted, world: World) -> Case:
         return Case(Custody.IN_BOTH, opens=Opens.ARM, done="not done")
     if jaws is Jaws.ON_PART:
         return Case(Custody.IN_ARM, opens=Opens.FIXED, leaves=WayOut.BY_RETREAT, done="done")
-    return _contradiction(left, f"the arm gripper's jaws {jaws.value}", "unknown")
+    return _contradiction(left, say("the arm gripper's jaws {value}", value=jaws.value), "unknown")
 
 
 def _put(custody: Custody, opens: Opens) -> Rule:
@@ -280,7 +282,9 @@ def _put(custody: Custody, opens: Opens) -> Rule:
         if jaws in (Jaws.WIDER, Jaws.BETWEEN):
             done: Done = "done" if jaws is Jaws.WIDER else "unknown"
             return Case(custody, opens=opens, leaves=WayOut.BY_RETREAT, done=done)
-        return _contradiction(left, f"the arm gripper's jaws {jaws.value}", "unknown")
+        return _contradiction(
+            left, say("the arm gripper's jaws {value}", value=jaws.value), "unknown"
+        )
 
     return rule
 
@@ -299,8 +303,15 @@ _INTENTS: Final[Mapping[str, Rule]] = {
 
 
 def _contradiction(left: Interrupted, found: str, done: Done | None = None) -> Case:
-    cut = f", cut off while it did: {left.intent.name}" if left.intent else ""
-    words = f"the journal has the part {left.custody.value}{cut.replace('_', ' ')}; {found}"
+    cut = ""
+    if left.intent is not None:
+        cut = say(", cut off while it did: {name}", name=left.intent.name.replace("_", " "))
+    words = say(
+        "the journal has the part {value}{cut}; {found}",
+        value=left.custody.value,
+        cut=cut,
+        found=found,
+    )
     return Case(left.custody, done=done, person=words)
 
 
@@ -342,24 +353,57 @@ def _evidence(left: Interrupted, world: World) -> tuple[str, ...]:
     """Return the evidence, one sentence each: journal first, then the devices."""
     cut = ""
     if left.intent is not None:
-        outcome = ", which was reported done" if left.has_outcome else ""
-        cut = f"; then it was about to: {left.intent.name.replace('_', ' ')}{outcome}"
-    said = [f"journal: part {left.part} of run {left.run} was {left.custody.value}{cut}"]
-    said.append(f"arm: {world.positions}")
+        outcome = key(", which was reported done") if left.has_outcome else ""
+        cut = say(
+            "; then it was about to: {name}{outcome}",
+            name=left.intent.name.replace("_", " "),
+            outcome=outcome,
+        )
+    said = [
+        say(
+            "journal: part {part} of run {run} was {value}{cut}",
+            part=left.part,
+            run=left.run,
+            value=left.custody.value,
+            cut=cut,
+        )
+    ]
+    said.append(say("arm: {positions}", positions=world.positions))
     if world.arm_mm is not None:
         hold = left.arm_hold or left.expected_hold
-        known = "" if hold is None else f"; on the part they stand at {hold.opening_mm:.1f} mm"
-        press = "press" if world.is_arm_pressing else "do not press"
-        said.append(f"arm gripper: its jaws stand at {world.arm_mm:.1f} mm and {press}{known}")
-    touch = "touch something" if world.does_fixed_touch else "report no contact"
-    sees = {Signal.OK: "sees something", Signal.NOT_OK: "sees nothing"}.get(
-        world.barrier, "gives no reading"
+        known = (
+            ""
+            if hold is None
+            else say("; on the part they stand at {opening_mm:.1f} mm", opening_mm=hold.opening_mm)
+        )
+        press = "press" if world.is_arm_pressing else key("do not press")
+        said.append(
+            say(
+                "arm gripper: its jaws stand at {arm_mm:.1f} mm and {press}{known}",
+                arm_mm=world.arm_mm,
+                press=press,
+                known=known,
+            )
+        )
+    touch = key("touch something") if world.does_fixed_touch else key("report no contact")
+    sees = {Signal.OK: key("sees something"), Signal.NOT_OK: key("sees nothing")}.get(
+        world.barrier, key("gives no reading")
     )
-    ready = "" if world.is_fixed_ready else "; it is not ready"
+    ready = "" if world.is_fixed_ready else key("; it is not ready")
     if left.fixed_hold is not None and left.custody in (Custody.IN_FIXED, Custody.IN_BOTH):
-        ready = f"; on the part its jaws stood at {left.fixed_hold.opening_mm:.1f} mm{ready}"
+        ready = say(
+            "; on the part its jaws stood at {opening_mm:.1f} mm{ready}",
+            opening_mm=left.fixed_hold.opening_mm,
+            ready=ready,
+        )
     said.append(
-        f"fixed gripper: its jaws stand at {world.fixed_mm:.1f} mm and {touch}; its light barrier "
-        f"{sees}{ready}"
+        say(
+            "fixed gripper: its jaws stand at {fixed_mm:.1f} mm and {touch}; "
+            "its light barrier {sees}{ready}",
+            fixed_mm=world.fixed_mm,
+            touch=touch,
+            sees=sees,
+            ready=ready,
+        )
     )
     return tuple(said)

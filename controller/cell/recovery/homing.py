@@ -14,6 +14,7 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.planning.model import CellLayout
 from controller.planning.motion import SWEEP_MARGIN_MM, Swept, segment_seconds, tcp_pose
+from messages import key, say
 
 from ..custody import Custody
 from .carried import Carried, part_in_gripper
@@ -128,42 +129,53 @@ def _along(
 def why_not_home(left: Interrupted, world: World) -> str:
     """Return why an arm that lost its positions cannot home as loaded; empty if it can."""
     if left.is_homing:
-        return "homing with the part was interrupted, so the position of the arm is unknown"
+        return key("homing with the part was interrupted, so the position of the arm is unknown")
     if not left.is_homed or not len(left.trail.between):
         return world.positions
     if left.intent is not None:
         doing = left.intent.name.replace("_", " ")
-        return (
-            f"{world.positions}; and it was cut off while it did: {doing}, so that only the arm "
-            "gripper's opening would show who holds the part"
+        return say(
+            "{positions}; and it was cut off while it did: {doing}, so that "
+            "only the arm gripper's opening would show who holds the part",
+            positions=world.positions,
+            doing=doing,
         )
     if left.custody is Custody.IN_ARM:
         if left.arm_hold is None:
-            return "the journal does not record the grasp of the arm gripper"
+            return key("the journal does not record the grasp of the arm gripper")
         if not world.is_fixed_clear:
-            return "the fixed gripper is not clear, and the arm would home with the part beside it"
+            return key(
+                "the fixed gripper is not clear, and the arm would home with the part beside it"
+            )
         return ""
     if left.custody is Custody.IN_FIXED:
         if left.fixed_hold is None:
-            return "the journal does not record the grasp of the fixed gripper"
+            return key("the journal does not record the grasp of the fixed gripper")
         holds = world.does_fixed_hold or world.may_fixed_hold(left.fixed_hold.opening_mm)
         if not holds:
-            return "the fixed gripper does not report its hold"
+            return key("the fixed gripper does not report its hold")
         return ""
-    return f"{world.positions}; the part is {left.custody.value}"
+    return say(
+        "{positions}; the part is {value}", positions=world.positions, value=left.custody.value
+    )
 
 
 def why_not_free(swept: Swept | None) -> str:
     """Return the reason why the space that homing sweeps is not free; empty if it is."""
     if swept is None:
-        return "the space that homing sweeps was not checked"
+        return key("the space that homing sweeps was not checked")
     if swept.is_free:
         return ""
     x, y, z = swept.tcp_mm
-    return (
-        f"homing is not proven free of contact: where {swept.phase}, the arm or what it holds "
-        f"would come too close to {swept.touches.replace('_', ' ')} (TCP about {x:.0f}, {y:.0f}, "
-        f"{z:.0f} mm)"
+    return say(
+        "homing is not proven free of contact: where {phase}, the arm or "
+        "what it holds would come too close to {touches} (TCP about "
+        "{x:.0f}, {y:.0f}, {z:.0f} mm)",
+        phase=swept.phase,
+        touches=swept.touches.replace("_", " "),
+        x=x,
+        y=y,
+        z=z,
     )
 
 
@@ -173,20 +185,33 @@ def homing_evidence(homing: HomingWithPart, layout: CellLayout) -> tuple[str, ..
     x, y, z = tcp_pose(layout, bounds.q_estimate)[:3, 3]
     off = (bounds.high - bounds.low) / 2
     turn_deg = np.degrees(np.delete(off, 3)).max()
-    kept = "none of its axes" if not bounds.known.any() else "only some of its axes"
+    kept = key("none of its axes") if not bounds.known.any() else key("only some of its axes")
     jaws = (
-        "the force of the arm gripper on the part is unknown: its motor may have had no power"
+        key("the force of the arm gripper on the part is unknown: its motor may have had no power")
         if bounds.T_part_tcp is not None
-        else "the arm gripper is taken to be empty"
+        else key("the arm gripper is taken to be empty")
     )
     return (
-        f"arm: by the path it was sent along it is taken to stand with its TCP near ({x:.0f}, "
-        f"{y:.0f}, {z:.0f}) mm, each axis up to {turn_deg:.0f} degrees or {off[3]:.0f} mm off; its "
-        f"counters prove {kept}, and nothing proves that nobody has moved it",
+        say(
+            "arm: by the path it was sent along it is taken to stand with its "
+            "TCP near ({x:.0f}, {y:.0f}, {z:.0f}) mm, each axis up to "
+            "{turn_deg:.0f} degrees or {off:.0f} mm off; its counters prove "
+            "{kept}, and nothing proves that nobody has moved it",
+            x=x,
+            y=y,
+            z=z,
+            turn_deg=turn_deg,
+            off=off[3],
+            kept=kept,
+        ),
         jaws,
-        f"swept space: homing from anywhere there keeps {SWEEP_MARGIN_MM:.0f} mm from table, "
-        f"column, fixed gripper, cameras, panels and walls ({homing.swept.pieces} pieces of joint "
-        "space checked)",
+        say(
+            "swept space: homing from anywhere there keeps "
+            "{sweep_margin_mm:.0f} mm from table, column, fixed gripper, "
+            "cameras, panels and walls ({pieces} pieces of joint space checked)",
+            sweep_margin_mm=SWEEP_MARGIN_MM,
+            pieces=homing.swept.pieces,
+        ),
     )
 
 
@@ -194,20 +219,29 @@ def what_to_look_at(homing: HomingWithPart, layout: CellLayout) -> str:
     """Return the sentence on what the operator has to look at before they accept."""
     x, y, z = tcp_pose(layout, homing.bounds.q_estimate)[:3, 3]
     held = (
-        "the arm gripper holds the part, straight and between its pads; "
+        key("the arm gripper holds the part, straight and between its pads; ")
         if homing.bounds.T_part_tcp is not None
-        else "nothing is between the arm gripper's jaws, and they do not reach round the part; "
+        else key(
+            "nothing is between the arm gripper's jaws, and they do not reach round the part; "
+        )
     )
-    return (
-        f"Look before you accept: the fingertips of the arm are near x {x:.0f}, y {y:.0f}, z "
-        f"{z:.0f} mm, where the run has left them, and nobody has moved the arm; {held}nothing "
-        "lies or hangs above the arm; nobody is within its reach."
+    return say(
+        "Look before you accept: the fingertips of the arm are near x "
+        "{x:.0f}, y {y:.0f}, z {z:.0f} mm, where the run has left them, "
+        "and nobody has moved the arm; {held}nothing lies or hangs above "
+        "the arm; nobody is within its reach.",
+        x=x,
+        y=y,
+        z=z,
+        held=held,
     )
 
 
 HOMING_STEPS = (
-    "the arm gripper presses: it closes, and opens nothing",
-    "the arm homes slowly, without opening a jaw: first zed goes up to its stop, then the arm "
-    "straightens, then elbow, yaw, shoulder and wrist go to their stops, and it parks",
+    key("the arm gripper presses: it closes, and opens nothing"),
+    key(
+        "the arm homes slowly, without opening a jaw: first zed goes up to its stop, then the arm "
+        "straightens, then elbow, yaw, shoulder and wrist go to their stops, and it parks"
+    ),
 )
-FIRST_MOTION = "first zed goes straight up to its stop, all other axes stand still"
+FIRST_MOTION = key("first zed goes straight up to its stop, all other axes stand still")

@@ -10,6 +10,7 @@ from controller.arrays import FloatArray
 from controller.imaging import rotation_angle
 from controller.planning.model import CellLayout
 from controller.planning.motion import ProvenMove, Swept, segment_seconds, tcp_pose
+from messages import joined, key, say
 
 from ..custody import Custody
 from ..journal import Once
@@ -28,22 +29,26 @@ from .interrupted import Interrupted
 from .trail import Leaving
 from .world import World
 
-FIXED_PRESSES: Final = "the fixed gripper presses once more: it closes, and opens nothing"
-FIXED_ACTIVATES: Final = (
+FIXED_PRESSES: Final = key("the fixed gripper presses once more: it closes, and opens nothing")
+FIXED_ACTIVATES: Final = key(
     "once the arm stands free, the fixed gripper is activated: its jaws close, and open; they are "
     "empty by contact and light barrier"
 )
-FIXED_LOOK: Final = "Look before you accept: nothing is between the fixed gripper's jaws."
+FIXED_LOOK: Final = key("Look before you accept: nothing is between the fixed gripper's jaws.")
 FIRST_SPEED: Final = 0.25  # share of the usual speed: the first motion after a crash
 THEN: Final = {
     Custody.IN_ARM: (
-        "plan onwards from the arm gripper; surface already in sight still counts, and the "
-        "first view verifies the grasp"
+        key(
+            "plan onwards from the arm gripper; surface already in sight still counts, and the "
+            "first view verifies the grasp"
+        )
     ),
-    Custody.IN_FIXED: "plan onwards from the fixed gripper; surface already in sight still counts",
-    Custody.ON_TABLE: "take the arm out of the picture, recognise the part again, grasp it",
-    Custody.LOST: "take the arm out of the picture, and look for the part on the table",
-    Custody.PLACED: "take the arm home: the part is in its tray",
+    Custody.IN_FIXED: key(
+        "plan onwards from the fixed gripper; surface already in sight still counts"
+    ),
+    Custody.ON_TABLE: key("take the arm out of the picture, recognise the part again, grasp it"),
+    Custody.LOST: key("take the arm out of the picture, and look for the part on the table"),
+    Custody.PLACED: key("take the arm home: the part is in its tray"),
 }
 
 
@@ -88,7 +93,7 @@ class Proposal:
         """The first motion of anything, in words."""
         if self.case.is_fixed_unconfirmed:
             return FIXED_PRESSES
-        return self.first_motion or "the arm gripper presses once more"
+        return self.first_motion or key("the arm gripper presses once more")
 
     @property
     def is_arm_alone(self) -> bool:
@@ -101,7 +106,11 @@ class Proposal:
         """The unresolved intent, and whether it was done."""
         if self.left.intent is None or self.case.done is None:
             return ()
-        return (f"{self.left.intent.name.replace('_', ' ')}: {self.case.done}",)
+        return (
+            say(
+                "{name}: {done}", name=self.left.intent.name.replace("_", " "), done=self.case.done
+            ),
+        )
 
 
 def propose(
@@ -159,7 +168,7 @@ def _home(
     """Return the proposal to home the arm as loaded, or the reason against it."""
     nowhere, person = np.zeros(0), why_not_free(swept)
     if person:
-        person = f"{world.positions}; {person}"
+        person = say("{positions}; {person}", positions=world.positions, person=person)
         return Proposal(
             left, case, nowhere, None, case.custody, (), "", is_proven=False, person=person
         )
@@ -177,8 +186,8 @@ def _home(
         is_proven=False,
         person="",
         homing=homing,
-        look=" ".join(
-            (what_to_look_at(homing, layout), *((FIXED_LOOK,) if case.activates_fixed else ()))
+        look=joined(
+            " ", (what_to_look_at(homing, layout), *((FIXED_LOOK,) if case.activates_fixed else ()))
         ),
     )
 
@@ -211,23 +220,30 @@ def _why_not(left: Interrupted, case: Case) -> str:
     custody = _custody_after(case)
     hold = left.expected_hold if case.holds_as_expected else left.arm_hold
     if custody is Custody.IN_ARM and hold is None:
-        return "the journal does not record the grasp of the arm gripper"
+        return key("the journal does not record the grasp of the arm gripper")
     if custody is Custody.IN_FIXED and left.fixed_hold is None:
-        return "the journal does not record the grasp of the fixed gripper"
+        return key("the journal does not record the grasp of the fixed gripper")
     return ""
 
 
 def _steps(case: Case, custody: Custody, first: str, way: Leaving) -> list[str]:
     steps = _confirming(case)
     if case.custody in (Custody.IN_ARM, Custody.IN_BOTH) and case.opens is not Opens.ARM:
-        steps.append("the arm gripper presses once more: it closes, and opens nothing")
+        steps.append(key("the arm gripper presses once more: it closes, and opens nothing"))
     if case.opens is not Opens.NONE:
         steps.append(case.opens.value)
     if first:
-        where = "back along the path it came by" if way.is_back else "on along its path"
+        where = key("back along the path it came by") if way.is_back else key("on along its path")
         if case.leaves is WayOut.BY_RETREAT:
-            where = "away by the retreat that was planned"
-        steps.append(f"the arm goes {where}, {len(way.waypoints)} waypoints: {first}")
+            where = key("away by the retreat that was planned")
+        steps.append(
+            say(
+                "the arm goes {where}, {waypoints_count} waypoints: {first}",
+                where=where,
+                waypoints_count=len(way.waypoints),
+                first=first,
+            )
+        )
     return [*steps, *_activating(case), THEN[custody]]
 
 
@@ -250,10 +266,16 @@ def _preview(q: FloatArray, way: Leaving, layout: CellLayout) -> str:
     T_now, T_then = tcp_pose(layout, q), tcp_pose(layout, target)
     shift_mm = T_then[:3, 3] - T_now[:3, 3]
     turn_deg = float(np.degrees(rotation_angle(T_now[:3, :3].T @ T_then[:3, :3])))
-    return (
-        f"first the TCP from {_point(T_now)} to {_point(T_then)} "
-        f"mm, {float(np.linalg.norm(shift_mm)):.0f} mm and {turn_deg:.0f} degrees, about "
-        f"{seconds:.0f} s at {FIRST_SPEED:.0%} of the usual speed"
+    return say(
+        "first the TCP from {point} to {point2} mm, {norm:.0f} mm and "
+        "{turn_deg:.0f} degrees, about {seconds:.0f} s at "
+        "{first_speed:.0%} of the usual speed",
+        point=_point(T_now),
+        point2=_point(T_then),
+        norm=float(np.linalg.norm(shift_mm)),
+        turn_deg=turn_deg,
+        seconds=seconds,
+        first_speed=FIRST_SPEED,
     )
 
 
@@ -263,4 +285,4 @@ def _point(T: FloatArray) -> str:
 
 def listed(sentences: Sequence[str]) -> str:
     """Return sentences as the lines of a list."""
-    return "\n".join(f"  - {one}" for one in sentences)
+    return joined("\n", (say("  - {one}", one=one) for one in sentences))

@@ -8,6 +8,7 @@ from typing import Final
 from controller.arrays import FloatArray
 from drivers.errors import PositionLostError
 from drivers.kinds import Signal
+from messages import key
 
 from ..custody.release_guard import LOST_MM, NOTHING_MM
 from ..devices import Devices
@@ -20,11 +21,11 @@ LET_GO_MM: Final = 2.5
 class Jaws(StrEnum):
     """The state of a gripper's jaws, against the opening at which they hold the part."""
 
-    ON_PART = "stand where they hold the part"
-    WIDER = "stand wider than the part"
-    CLOSED = "have closed further than the part allows"
-    BETWEEN = "stand a little wider than the part"
-    UNKNOWN = "cannot be read"
+    ON_PART = key("stand where they hold the part")
+    WIDER = key("stand wider than the part")
+    CLOSED = key("have closed further than the part allows")
+    BETWEEN = key("stand a little wider than the part")
+    UNKNOWN = key("cannot be read")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +121,7 @@ async def read_world(devices: Devices, left: Interrupted) -> World:
     ------
     DeviceError : a device does not answer
     """
-    q, positions = None, "the interrupted run has not homed the arm"
+    q, positions = None, key("the interrupted run has not homed the arm")
     q_kept = None
     between = left.trail.between
     if left.is_homed and len(between):
@@ -132,9 +133,9 @@ async def read_world(devices: Devices, left: Interrupted) -> World:
                 q_kept = await devices.arm.read_kept_q(between)
         else:
             q = await devices.arm.read_q()
-            positions = "its counters read what it was last sent to, and it has not restarted"
+            positions = key("its counters read what it was last sent to, and it has not restarted")
     elif left.is_homed:
-        positions = "the journal does not record where the arm was sent"
+        positions = key("the journal does not record where the arm was sent")
     jaws = devices.jaws_found
     assert jaws is not None, "connect first"
     status = await devices.gripper.status()

@@ -13,6 +13,7 @@ from controller.arrays import FloatArray, Grey
 from controller.cell.compute import Compute, SeenCode, begin
 from controller.cell.errors import PartProblemError
 from controller.cell.journal.rows import CodeFields
+from messages import key, say
 
 from .records import BatchProduct, BatchRecord, PartRecord, Shown, matrix
 from .table import Labels
@@ -61,10 +62,13 @@ class Codes:
         if asked.at == "beside" and self._are_others_there():
             raise PartProblemError(
                 "many_parts",
-                "the code with the serial number lies beside the part, and several parts of the "
-                "batch are on the table: leave one there, with its code",
+                key(
+                    "the code with the serial number lies beside the part, and several parts "
+                    "of the "
+                    "batch are on the table: leave one there, with its code"
+                ),
             )
-        self.record.show("reading the code of the part")
+        self.record.show(key("reading the code of the part"))
         seen = await self.compute.read_codes(
             tuple(lit.values()), sighting.T_world_part, is_held=False
         )
@@ -74,7 +78,9 @@ class Codes:
         if part.code_problem or asked.at == "beside":
             await self._ask(product)
             if not part.serial:
-                raise PartProblemError("no_serial", f"{self._what}, and nobody read it")
+                raise PartProblemError(
+                    "no_serial", say("{what}, and nobody read it", what=self._what)
+                )
 
     def read_in_view(self, shown: Shown, lit: Mapping[str, Grey]) -> None:
         """Begin to read the codes in the pictures of a view: another one may contradict the first.
@@ -115,9 +121,9 @@ class Codes:
         await self.collect()
         if self.labels.is_coded(product) and not part.serial:
             await self._ask(product)
-            return "" if part.serial else f"not identified: {self._what}"
+            return "" if part.serial else say("not identified: {what}", what=self._what)
         if part.code is not None and part.code_problem:
-            return f"not identified: {self._what}"
+            return say("not identified: {what}", what=self._what)
         return _why_other(part)
 
     @property
@@ -125,15 +131,20 @@ class Codes:
         """What could not be read, as a clause."""
         part = self.record.part
         if part.code_problem:
-            return f"part {part.number}: {part.code_problem}"
+            return say(
+                "part {number}: {code_problem}", number=part.number, code_problem=part.code_problem
+            )
         others = "; ".join(part.other_codes[:MAX_NAMED])
-        return (
-            f"part {part.number}: no code with its serial number was read in "
-            f"{part.codes_sought} pictures" + (f" ({others})" if others else "")
-        )
+        return say(
+            "part {number}: no code with its serial number was read in {codes_sought} pictures",
+            number=part.number,
+            codes_sought=part.codes_sought,
+        ) + (say(" ({others})", others=others) if others else "")
 
     async def _ask(self, product: BatchProduct) -> None:
-        serial = await self.labels.ask(f"{self._what}. Which is its serial number?", product)
+        serial = await self.labels.ask(
+            say("{what}. Which is its serial number?", what=self._what), product
+        )
         if serial is not None:
             label = self.labels.take_read(serial, product)
             self.record.identify_part(product, label.serial, label.lot)
@@ -158,7 +169,11 @@ class Codes:
         known = set() if part.code is None else {part.code.number}
         if len(different := known | numbers.keys()) > 1:
             named = ", ".join(f"{one:.40}" for one in sorted(different)[:MAX_NAMED])
-            part.code_problem = f"{len(different)} codes contradict each other ({named})"
+            part.code_problem = say(
+                "{different_count} codes contradict each other ({named})",
+                different_count=len(different),
+                named=named,
+            )
         elif numbers and not known and not part.code_problem:
             ((number, code),) = numbers.items()
             self._take_number(number, code, files[code.picture])
@@ -168,7 +183,7 @@ class Codes:
         label = part.serial, part.lot
         if self.labels.is_coded(product) and not part.serial:
             if why := self.labels.why_not(number, product):
-                part.code_problem = f"its code cannot be right ({why})"
+                part.code_problem = say("its code cannot be right ({why})", why=why)
                 return
             new = self.labels.take_read(number, product)
             label = new.serial, new.lot
@@ -190,4 +205,8 @@ def _why_other(part: PartRecord) -> str:
     """Return why the number on the papers is not that of the part's code; empty if it may be."""
     if part.code is None or part.serial in ("", part.code.number):
         return ""
-    return f"its code reads {part.code.number:.40}, its papers say {part.serial}: another part?"
+    return say(
+        "its code reads {number:.40}, its papers say {serial}: another part?",
+        number=part.code.number,
+        serial=part.serial,
+    )

@@ -18,6 +18,7 @@ from controller.config.recipe import GraspSection
 from controller.planning import JointPath
 from drivers.errors import MotionStoppedError
 from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock, Signal
+from messages import joined, key, say
 
 from .faults import Retries
 from .gate import Gate, Mover, NextMotion
@@ -88,7 +89,7 @@ class Grippers:
         """
         await self._move(
             Mover.ARM_JAWS,
-            f"the arm gripper opens to {opening_mm:.0f} mm",
+            say("the arm gripper opens to {opening_mm:.0f} mm", opening_mm=opening_mm),
             lambda: self._guard.open_arm(opening_mm, self._record.part.custody),
         )
 
@@ -105,7 +106,10 @@ class Grippers:
         ReleaseRefusedError : the fixed gripper does not confirm that it holds the part
         """
         intent = Intent(name=Once.RELEASE_ARM, open_mm=opening_mm, retreat=rounded(retreat))
-        words = f"the arm gripper leaves the part to the fixed gripper: {opening_mm:.0f} mm"
+        words = say(
+            "the arm gripper leaves the part to the fixed gripper: {opening_mm:.0f} mm",
+            opening_mm=opening_mm,
+        )
         await self._move(
             Mover.ARM_JAWS,
             words,
@@ -124,7 +128,7 @@ class Grippers:
         retreat : retreat of the arm afterwards, for the journal
         """
         more = {"open_mm": opening_mm, "retreat": rounded(retreat)}
-        words = "the arm gripper lets go of the part, where it is to stay"
+        words = key("the arm gripper lets go of the part, where it is to stay")
         await self._move(
             Mover.ARM_JAWS,
             words,
@@ -149,7 +153,7 @@ class Grippers:
         width_mm = self._fixed.max_opening_mm if opening_mm is None else opening_mm
         await self._move(
             Mover.FIXED_JAWS,
-            f"the fixed gripper opens to {width_mm:.0f} mm",
+            say("the fixed gripper opens to {width_mm:.0f} mm", width_mm=width_mm),
             lambda: self._open_fixed(width_mm),
         )
 
@@ -171,7 +175,10 @@ class Grippers:
         ReleaseRefusedError : the arm gripper's jaws do not stand on the part
         """
         intent = Intent(name=Once.RELEASE_FIXED, open_mm=opening_mm, retreat=rounded(retreat))
-        words = f"the fixed gripper leaves the part to the arm gripper: {opening_mm:.0f} mm"
+        words = say(
+            "the fixed gripper leaves the part to the arm gripper: {opening_mm:.0f} mm",
+            opening_mm=opening_mm,
+        )
         await self._move(Mover.FIXED_JAWS, words, lambda: self._open_fixed(opening_mm), intent)
         if self._record.part.fixed_grasp is not None:
             self._record.budgets.succeed(GRASP + self._record.part.fixed_grasp.id)
@@ -187,7 +194,10 @@ class Grippers:
         retreat : retreat of the arm with the part afterwards, for the journal
         """
         intent = Intent(name=action, expected_mm=expected_mm, retreat=rounded(retreat))
-        words = f"the arm gripper closes on the part: {expected_mm:.0f} mm expected"
+        words = say(
+            "the arm gripper closes on the part: {expected_mm:.0f} mm expected",
+            expected_mm=expected_mm,
+        )
         return await self._move(
             Mover.ARM_JAWS, words, lambda: self._arm.grasp(self._arm_force), intent
         )
@@ -201,7 +211,10 @@ class Grippers:
         pre_open_mm : opening for the approach, for the journal; any wider and it would touch the
             arm's fingers
         """
-        words = f"the fixed gripper closes on the part: {expected_mm:.0f} mm expected"
+        words = say(
+            "the fixed gripper closes on the part: {expected_mm:.0f} mm expected",
+            expected_mm=expected_mm,
+        )
         intent = Intent(name=Once.HAND_OFF, expected_mm=expected_mm, open_mm=pre_open_mm)
         return await self._move(
             Mover.FIXED_JAWS,
@@ -223,7 +236,7 @@ class Grippers:
         hold = self._record.held()
         opening_mm = await self._move(
             Mover.ARM_JAWS,
-            "the arm gripper presses on the part, to check that it is held",
+            key("the arm gripper presses on the part, to check that it is held"),
             lambda: self._arm.grasp(self._arm_force),
         )
         self._record.note(
@@ -233,16 +246,21 @@ class Grippers:
             return
         self._record.part.hold = None
         source = GRASP + hold.grasp.id
-        message = (
-            f"the part is gone from the arm gripper: jaws at {opening_mm:.1f} mm, "
-            f"{hold.opening_mm:.1f} mm while it was held"
+        message = say(
+            "the part is gone from the arm gripper: jaws at {opening_mm:.1f} "
+            "mm, {opening_mm2:.1f} mm while it was held",
+            opening_mm=opening_mm,
+            opening_mm2=hold.opening_mm,
         )
         if self._record.part.custody is Custody.IN_BOTH:
             await self._record.set_custody(
-                Custody.IN_FIXED, f"jaws of the arm gripper at {opening_mm:.1f} mm"
+                Custody.IN_FIXED,
+                say("jaws of the arm gripper at {opening_mm:.1f} mm", opening_mm=opening_mm),
             )
             raise PartFaultError(PartFault.RECEIVE_FAILED, message, source=source)
-        await self._record.set_custody(Custody.LOST, f"jaws at {opening_mm:.1f} mm")
+        await self._record.set_custody(
+            Custody.LOST, say("jaws at {opening_mm:.1f} mm", opening_mm=opening_mm)
+        )
         raise PartFaultError(PartFault.DROPPED, message, source=source)
 
     async def press_fixed_and_require_hold(self, held_mm: float) -> None:
@@ -261,14 +279,14 @@ class Grippers:
         """
 
         async def press() -> GraspReading:
-            status = await self._retries.run("gripper", "fixed gripper", self._fixed.status)
+            status = await self._retries.run("gripper", key("fixed gripper"), self._fixed.status)
             # from where the jaws stand, so that they cannot be sent wider
             expected_mm = min(held_mm, status.opening_mm)
             return await self._fixed.close_on(expected_mm, force_n=self._force_n)
 
         found = await self._move(
             Mover.FIXED_JAWS,
-            "the fixed gripper presses on the part, to check that it is held",
+            key("the fixed gripper presses on the part, to check that it is held"),
             press,
         )
         is_there = found.opening_mm >= max(held_mm - LOST_MM, NOTHING_MM)
@@ -276,9 +294,11 @@ class Grippers:
             return
         if not found.object_detected and self._record.part.custody is Custody.IN_FIXED:
             raise await self.lose_from_fixed()
-        message = (
-            f"the fixed gripper, pressed once more, stands at {found.opening_mm:.1f} mm, "
-            f"{held_mm:.1f} mm while it held the part"
+        message = say(
+            "the fixed gripper, pressed once more, stands at {opening_mm:.1f} "
+            "mm, {held_mm:.1f} mm while it held the part",
+            opening_mm=found.opening_mm,
+            held_mm=held_mm,
         )
         await self._record.set_custody(Custody.UNKNOWN, message)
         raise PartProblemError("recovery_contradicted", message)
@@ -305,24 +325,29 @@ class Grippers:
         """
         opening_mm = await self._move(
             Mover.ARM_JAWS,
-            "the arm gripper presses, to check that it is empty",
+            key("the arm gripper presses, to check that it is empty"),
             lambda: self._arm.grasp(self._arm_force),
         )
-        found = []
+        found: list[str] = []
         if opening_mm >= NOTHING_MM:
-            found.append(f"the arm gripper's jaws stop at {opening_mm:.1f} mm")
+            found.append(
+                say("the arm gripper's jaws stop at {opening_mm:.1f} mm", opening_mm=opening_mm)
+            )
         if self.is_something_in_fixed or await self.does_fixed_hold():
-            found.append("the fixed gripper holds something")
+            found.append(key("the fixed gripper holds something"))
         if found:
             raise PartProblemError(
-                "still_held", f"the part was reported as taken out, but {' and '.join(found)}"
+                "still_held",
+                say(
+                    "the part was reported as taken out, but {found}", found=joined(" and ", found)
+                ),
             )
 
     async def activate_fixed(self) -> None:
         """Make the fixed gripper ready to move, which may move its jaws."""
         await self._move(
             Mover.FIXED_JAWS,
-            "the fixed gripper activates: its jaws may move",
+            key("the fixed gripper activates: its jaws may move"),
             lambda: self._fixed.activate(),
         )
 
@@ -333,18 +358,20 @@ class Grippers:
         ------
         PartProblemError : its light barrier or its contact does not say that it is empty
         """
-        status = await self._retries.run("gripper", "fixed gripper", self._fixed.status)
+        status = await self._retries.run("gripper", key("fixed gripper"), self._fixed.status)
         if status.has_contact or self._io.signal("part_in_gripper") is not Signal.NOT_OK:
             raise PartProblemError(
                 "recovery_contradicted",
-                "the fixed gripper must be empty for its activation, but its contact or "
-                "its light barrier does not confirm that",
+                key(
+                    "the fixed gripper must be empty for its activation, but its contact or "
+                    "its light barrier does not confirm that"
+                ),
             )
         await self.activate_fixed()
 
     async def does_fixed_hold(self) -> bool:
         """Return whether the fixed gripper itself confirms that it holds something."""
-        found = await self._retries.run("gripper", "fixed gripper", self._fixed.hold)
+        found = await self._retries.run("gripper", key("fixed gripper"), self._fixed.hold)
         return found is Hold.HELD
 
     async def read_fixed(self) -> Opening:
@@ -352,7 +379,7 @@ class Grippers:
 
         Unlike `does_fixed_hold`, it needs no grasp that this run has seen.
         """
-        status = await self._retries.run("gripper", "fixed gripper", self._fixed.status)
+        status = await self._retries.run("gripper", key("fixed gripper"), self._fixed.status)
         barrier = Signal.OK if self.is_something_in_fixed else Signal.NOT_OK
         return judge_fixed(status, barrier, self._fixed.max_opening_mm)
 
@@ -369,16 +396,16 @@ class Grippers:
     async def lose_from_fixed(self) -> PartFaultError:
         """Record that the part left the fixed gripper, which alone had it; return the fault."""
         grasp, self._record.part.fixed_grasp = self._record.part.fixed_grasp, None
-        await self._record.set_custody(Custody.LOST, "at the fixed gripper")
+        await self._record.set_custody(Custody.LOST, key("at the fixed gripper"))
         return PartFaultError(
             PartFault.DROPPED,
-            "the part left the fixed gripper",
+            key("the part left the fixed gripper"),
             source="" if grasp is None else GRASP + grasp.id,
         )
 
     async def openings_mm(self) -> tuple[float, float]:
         """Return the openings of the arm gripper and of the fixed gripper [mm]."""
-        status = await self._retries.run("gripper", "fixed gripper", self._fixed.status)
+        status = await self._retries.run("gripper", key("fixed gripper"), self._fixed.status)
         return await self._arm.read_opening_mm(), status.opening_mm
 
     @property

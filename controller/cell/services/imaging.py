@@ -13,6 +13,7 @@ import numpy as np
 from controller.arrays import Grey
 from drivers.errors import LinkError
 from drivers.kinds import Camera, Frame, LampUnit
+from messages import say
 
 from .faults import Retries
 
@@ -136,6 +137,6 @@ def _write_picture(path: Path, image: Grey) -> str:
     try:
         path.write_bytes(data)
     except OSError as error:
-        reason = f"cannot be written ({error.strerror}); is the disk full?"
+        reason = say("cannot be written ({strerror}); is the disk full?", strerror=error.strerror)
         raise OSError(error.errno, reason, str(path)) from error
     return hashlib.sha256(data).hexdigest()

@@ -21,6 +21,7 @@ from controller.planning import JointPath
 from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
 from drivers.kinds import FixedGripper, IoBlock
+from messages import key
 
 from .faults import Retries
 
@@ -81,7 +82,7 @@ class Interlocks:
         is_near = any(self._is_near(tcp_pose(self._layout, q)[:3, 3]) for q in path)
         self._moving = {"moves_arm": Truth.TRUE, "near_hand_off": Truth.of(is_near)}
         if is_near:
-            status = await self._retries.run("gripper", "fixed gripper", self._fixed.status)
+            status = await self._retries.run("gripper", key("fixed gripper"), self._fixed.status)
             is_wide = status.opening_mm > self._fixed.max_opening_mm - END_MM
             self._moving["fixed_gripper_free"] = Truth.of(
                 None if status.is_moving else is_wide or not status.has_contact

@@ -16,6 +16,7 @@ from controller.cell.journal import Body
 from controller.cell.journal.rows import LeaseReturned, LeaseTaken
 from controller.cell.machine import Resource
 from drivers.clock import CellClock
+from messages import say
 
 # An action that is over gives its lease back at once; a longer wait is a bug.
 PATIENCE_S: Final = 60.0
@@ -60,8 +61,13 @@ class Leases:
         wanted = sorted(set(resources) - set(mine), key=lambda one: one.place)
         if wanted and mine and wanted[0].place < max(one.place for one in mine):
             raise LeaseError(
-                f"{by} requests the {wanted[0].value} after it took the {mine[-1].value}: "
-                "two such requests would wait for each other"
+                say(
+                    "{by} requests the {value} after it took the {value2}: two such "
+                    "requests would wait for each other",
+                    by=by,
+                    value=wanted[0].value,
+                    value2=mine[-1].value,
+                )
             )
         taken: list[Resource] = []
         try:
@@ -89,7 +95,12 @@ class Leases:
                 await self._locks[resource].acquire()
         except TimeoutError as error:
             raise LeaseError(
-                f"{by} waited {PATIENCE_S:.0f} s for the {resource.value}, which "
-                f"{self._owners.get(resource, 'nobody')} has"
+                say(
+                    "{by} waited {patience_s:.0f} s for the {value}, which {get} has",
+                    by=by,
+                    patience_s=PATIENCE_S,
+                    value=resource.value,
+                    get=self._owners.get(resource, "nobody"),
+                )
             ) from error
         self._owners[resource] = by

@@ -33,6 +33,7 @@ from controller.planning.motion import move_seconds, segment_seconds, tcp_pose, 
 from drivers.clock import CellClock
 from drivers.errors import ArmStalledError, MotionStoppedError
 from drivers.kinds import Arm
+from messages import key, say
 
 from .gate import Gate, Mover, NextMotion
 from .interlocks import Interlocks
@@ -97,8 +98,8 @@ class Motion:
     def homing_words(self) -> str:
         """What is shown before the arm homes and parks."""
         if self.sweeps_to_home:
-            return "homing the arm; it sweeps its whole workspace"
-        return "getting the arm ready; it opens and closes its jaws, then it parks"
+            return key("homing the arm; it sweeps its whole workspace")
+        return key("getting the arm ready; it opens and closes its jaws, then it parks")
 
     async def homing_preview(self) -> NextMotion:
         """Return the first motion of homing."""
@@ -149,9 +150,11 @@ class Motion:
                     raise
                 # the way that was proven free begins where the arm stood before, not half-way
                 raise InterlockError(
-                    "the door was opened while the arm homed with a part, and the position "
-                    "of the arm is unknown now: `cellctl recover --open arm` gives you the "
-                    "part; then close the door and start again",
+                    key(
+                        "the door was opened while the arm homed with a part, and the position "
+                        "of the arm is unknown now: `cellctl recover --open arm` gives you the "
+                        "part; then close the door and start again"
+                    ),
                     "guard_closed",
                 ) from error
         at = await self._arm.read_q()
@@ -341,8 +344,17 @@ class Motion:
         seconds = float(segment_seconds(self._layout, origin, goal))
         x, y, z = T_goal[:3, 3]
         return NextMotion(
-            f"the arm moves its TCP by {tcp_mm:.0f} mm, to x {x:.0f} y {y:.0f} z {z:.0f} mm, and "
-            f"turns it by {turn_deg:.0f} degrees, in about {seconds:.1f} s",
+            say(
+                "the arm moves its TCP by {tcp_mm:.0f} mm, to x {x:.0f} y {y:.0f} "
+                "z {z:.0f} mm, and turns it by {turn_deg:.0f} degrees, in about "
+                "{seconds:.1f} s",
+                tcp_mm=tcp_mm,
+                x=x,
+                y=y,
+                z=z,
+                turn_deg=turn_deg,
+                seconds=seconds,
+            ),
             tuple(round(float(v), 4) for v in origin),
             tuple(round(float(v), 4) for v in goal),
             round(tcp_mm, 1),
@@ -364,15 +376,20 @@ def sweeps_to_home(layout: CellLayout) -> bool:
 
 async def homing_preview() -> NextMotion:
     """Return the first motion of an arm that sweeps to home."""
-    return NextMotion("the arm homes: it sweeps its whole reach and moves its jaws")
+    return NextMotion(key("the arm homes: it sweeps its whole reach and moves its jaws"))
 
 
 async def jaws_preview() -> NextMotion:
     """Return the first motion of an arm whose encoders are absolute."""
-    return NextMotion("the arm opens and closes its jaws where it stands, then it goes to park")
+    return NextMotion(
+        key("the arm opens and closes its jaws where it stands, then it goes to park")
+    )
 
 
 async def _homing_with_part() -> NextMotion:
     return NextMotion(
-        "the arm gripper presses, then the arm homes slowly without opening it: zed goes up first"
+        key(
+            "the arm gripper presses, then the arm homes slowly without opening it: zed goes "
+            "up first"
+        )
     )

@@ -22,6 +22,7 @@ from controller.config import Cell, ConfigError, load_cell
 from controller.setup.drivers import KIND_OF, find_driver, require_drivers
 from drivers.errors import DeviceError
 from drivers.kinds import IoBlock, MotorWatchdog, Signal
+from messages import key, say
 
 from ..inputs.checks import make_folder
 from ..terminal.output import emit, print_line, stdout
@@ -142,9 +143,9 @@ def _journal(runs_dir: Path) -> Check:
     why = why_not_there(runs_dir / JOURNAL_NAME)
     return _check(
         "journal",
-        why or f"{runs_dir}: on a disk of this computer",
+        why or say("{runs_dir}: on a disk of this computer", runs_dir=runs_dir),
         ok=not why,
-        remedy="keep the runs in a folder on a disk of this computer (--runs)",
+        remedy=key("keep the runs in a folder on a disk of this computer (--runs)"),
     )
 
 
@@ -155,12 +156,19 @@ def _machine() -> list[Check]:
             checks.append(_check(package, version(package), ok=True))
         except PackageNotFoundError:
             checks.append(
-                _check(package, "not installed", ok=False, remedy=f"pip install {package}")
+                _check(
+                    package,
+                    key("not installed"),
+                    ok=False,
+                    remedy=f"pip install {package}",
+                )
             )
     free_mb = shutil.disk_usage(Path.cwd()).free // 2**20
     checks.append(
-        _check("disk", f"{free_mb} MB free", ok=free_mb > MIN_DISK_MB,
-               remedy=f"make room: runs need {MIN_DISK_MB} MB and more")
+        _check("disk", say("{free_mb} MB free",
+free_mb=free_mb), ok=free_mb > MIN_DISK_MB,
+               remedy=say("make room: runs need {min_disk_mb} MB and more",
+min_disk_mb=MIN_DISK_MB))
     )  # fmt: skip
     return checks
 
@@ -174,10 +182,18 @@ def _drivers_needs(cell: Cell) -> list[Check]:
         if needs is None:
             continue
         try:
-            checks.append(_check(f"{name} driver needs", f"{driver}: {needs()}", ok=True))
+            checks.append(
+                _check(
+                    say("{name} driver needs", name=name),
+                    say("{driver}: {needs}", driver=driver, needs=needs()),
+                    ok=True,
+                )
+            )
         except DeviceError as error:
-            remedy = "install it, or name another driver in the cell file"
-            checks.append(_check(f"{name} driver needs", str(error), ok=False, remedy=remedy))
+            remedy = key("install it, or name another driver in the cell file")
+            checks.append(
+                _check(say("{name} driver needs", name=name), str(error), ok=False, remedy=remedy)
+            )
     return checks
 
 
@@ -192,10 +208,14 @@ def _permissions(cell: Cell) -> list[Check]:
         allowed = there and os.access(address, os.R_OK | os.W_OK)
         checks.append(
             _check(
-                f"{name} permission",
-                f"{address}: {_access(there=there, allowed=allowed)}",
+                say("{name} permission", name=name),
+                say(
+                    "{address}: {access}",
+                    address=address,
+                    access=_access(there=there, allowed=allowed),
+                ),
                 ok=allowed,
-                remedy=f"add the user to the group {group}, or check the cable",
+                remedy=say("add the user to the group {group}, or check the cable", group=group),
             )
         )
     return checks
@@ -206,14 +226,16 @@ async def _watchdog(io: IoBlock) -> str:
     if isinstance(io, MotorWatchdog):
         await io.prove_watchdog()
     if not isinstance(io, MotorWatchdog) or io.watchdog_s is None:
-        return "none in the motors' supply: a computer that freezes does not stop the arm"
-    return f"takes the motors' supply away after {io.watchdog_s:g} s of silence"
+        return key("none in the motors' supply: a computer that freezes does not stop the arm")
+    return say(
+        "takes the motors' supply away after {watchdog_s:g} s of silence", watchdog_s=io.watchdog_s
+    )
 
 
 def _access(*, there: bool, allowed: bool) -> str:
     if not there:
-        return "is not there"
-    return "may be used" if allowed else "may not be used"
+        return key("is not there")
+    return key("may be used") if allowed else key("may not be used")
 
 
 def _report_picture(found: dict[str, Any], *, as_json: bool) -> None:
@@ -238,10 +260,12 @@ async def _devices(
             found = await asking()
         except DeviceError as error:
             checks.append(
-                _check(name, str(error), ok=False, remedy="see the message; then run doctor again")
+                _check(
+                    name, str(error), ok=False, remedy=key("see the message; then run doctor again")
+                )
             )
         else:
-            checks.append(_check(name, f"{found} ({kind})", ok=True))
+            checks.append(_check(name, say("{found} ({kind})", found=found, kind=kind), ok=True))
 
     async def lights() -> str:
         await devices.lights.connect()
@@ -249,8 +273,10 @@ async def _devices(
 
     async def arm() -> str:
         identity = await devices.arm.connect()
-        restarted = ", was restarted: homing needed" if identity.was_restarted else ""
-        return f"{devices.arm.model}{restarted}"
+        model = devices.arm.model
+        if identity.was_restarted:
+            return say("{model}, was restarted: homing needed", model=model)
+        return model
 
     async def camera(name: str) -> str:
         device = devices.overhead if name == "overhead" else devices.inspection
@@ -259,8 +285,13 @@ async def _devices(
 
     async def gripper() -> str:
         status = await devices.gripper.connect()
-        active = "active" if status.is_activated else "not activated"
-        return f"{devices.gripper.model}, {active}, {status.opening_mm:.0f} mm"
+        active = "active" if status.is_activated else key("not activated")
+        return say(
+            "{model}, {active}, {opening_mm:.0f} mm",
+            model=devices.gripper.model,
+            active=active,
+            opening_mm=status.opening_mm,
+        )
 
     async def pictures(folder: Path) -> Check:
         files: list[str] = []
@@ -272,9 +303,9 @@ async def _devices(
         try:
             await take_pictures(devices, clock, folder, looking.watch_s, taken)
         except (DeviceError, OSError) as error:
-            remedy = "see the message; then run doctor again"
+            remedy = key("see the message; then run doctor again")
             return _check("pictures", str(error), ok=False, remedy=remedy)
-        return _check("pictures", f"{len(files)} taken", ok=True)
+        return _check("pictures", say("{files_count} taken", files_count=len(files)), ok=True)
 
     async with clock.attending():
         try:

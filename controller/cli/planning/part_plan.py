@@ -21,7 +21,7 @@ from controller.setup.planner import PlannerSetup, planner_setup
 from ..inputs.ahead import working_ahead
 from ..inputs.checks import Place, check_drawings, check_writable_folder, parse_place, writing
 from ..inputs.part_files import PartFile, stable_pose
-from ..terminal.output import emit, print_line, warn
+from ..terminal.output import emit, print_line, refuse
 from ..terminal.progress import PartProgress, shown_progress
 from .certificates import (
     certified_each,
@@ -122,7 +122,7 @@ def plan_part_file(
     else:
         print_certificates(certificates, setup)
     if kept.plan is None:
-        warn(f"cellctl: {_no_plan(compiled, kept, certificates)}")
+        refuse(_no_plan(compiled, kept, certificates))
     if facts is not None and report is not None:
         with writing("--report", report):
             written = write_plan_page(facts, report)

@@ -18,7 +18,7 @@ from controller.results.run import ResultsError, UnknownRunError
 from drivers.errors import DeviceError
 
 from ._bug import report_bug
-from .output import warn
+from .output import refuse, warn
 
 WRONG_INPUT = (ConfigError, CadError, UnknownRunError)  # exit code 2; all others 1
 SAID_NO = (
@@ -44,10 +44,10 @@ def report_failure(error: BaseException, words: Sequence[str]) -> int:
         warn("cellctl: interrupted")
         return 1
     if isinstance(error, WRONG_INPUT):
-        warn(f"cellctl: {error}")
+        refuse(error)
         return 2
     if isinstance(error, SAID_NO):
-        warn(f"cellctl: {error}")
+        refuse(error)
         return 1
     if isinstance(error, OSError) and error.strerror is not None:
         where = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "

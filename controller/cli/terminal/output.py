@@ -17,6 +17,8 @@ from typing import IO, Any, TextIO, cast
 
 from rich.console import Console
 
+from messages.form import KEYS_ASKED, with_said
+
 from .relay import TextRelay, write_whole
 
 _relays: dict[str, TextRelay] = {}  # by the stream's name, while a thread writes
@@ -142,7 +144,7 @@ def is_output_behind() -> bool:
 
 def emit(body: Mapping[str, Any], *, is_live: bool = False) -> None:
     """Print one JSON object on a line of its own; a live one may be left out (`relayed`)."""
-    text = json.dumps(body, ensure_ascii=False, separators=(",", ":"))
+    text = json.dumps(with_said(body), ensure_ascii=False, separators=(",", ":"))
     door = _live_out if is_live else _out
     door.write(_encodable(text, sys.stdout.encoding) + "\n")
     door.flush()
@@ -156,6 +158,19 @@ def print_line(text: str, *, style: str | None = None) -> None:
 def warn(text: str) -> None:
     """Print a sentence for people on stderr."""
     stderr.print(printable(text, stderr.encoding), markup=False)
+
+
+def refuse(error: object) -> None:
+    """Print on stderr why a command does not do what it was asked to.
+
+    For the page, which puts it into words, as JSON with key and values of the sentence
+    (`KEYS_ASKED`).
+    """
+    if KEYS_ASKED in os.environ:
+        body = with_said({"event": "refused", "error": str(error)})
+        write_error_line(json.dumps(body, ensure_ascii=False))
+    else:
+        warn(f"cellctl: {error}")
 
 
 def write_error_line(text: str, *, is_live: bool = False) -> None:

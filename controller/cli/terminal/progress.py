@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+from messages.form import with_said
+
 from .output import write_error_line
 
 QUIET_S = 3.0  # a part compiled in less time is reported by its result alone
@@ -64,7 +66,7 @@ class PartProgress:
                 "stage_s": round(since_s, 1),
                 "seconds": round(whole_s, 1),
             }
-            return json.dumps(body, ensure_ascii=False)
+            return json.dumps(with_said(body), ensure_ascii=False)
         return f"{self.name}: {stage} ({since_s:.0f} s of {whole_s:.0f} s so far)"
 
 

@@ -7,6 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from messages import joined, say
+
 from ..calibration_reference import CalibrationName, CalibrationReference
 from ._models import Calibration, VerificationRecord
 
@@ -64,7 +66,11 @@ class CalibrationsStanding:
     def stale(self) -> tuple[str, ...]:
         """A sentence for each calibration that no longer counts."""
         return tuple(
-            f"the calibration of {one.name.replace('_', ' ')} is stale: {one.why_stale}"
+            say(
+                "the calibration of {name} is stale: {why_stale}",
+                name=one.name.replace("_", " "),
+                why_stale=one.why_stale,
+            )
             for one in self.each
             if one.why_stale
         )
@@ -73,7 +79,7 @@ class CalibrationsStanding:
     def sentences(self) -> tuple[str, ...]:
         """All sentences that a report has to state; empty if everything counts."""
         why = self.why_not_verified
-        return (*self.stale, *((f"the cell is not verified: {why}",) if why else ()))
+        return (*self.stale, *((say("the cell is not verified: {why}", why=why),) if why else ()))
 
 
 def standing_of(
@@ -108,27 +114,50 @@ def _why_stale(
     now: datetime,
     used: Usage,
 ) -> str:
+    measured = f"{one.measured:%Y-%m-%d}"
     if one.measured > now + timedelta(days=1):
-        return f"it was measured {one.measured:%Y-%m-%d}, which is yet to come; set the clock"
+        return say(
+            "it was measured {measured}, which is yet to come; set the clock",
+            measured=measured,
+        )
     if one.valid_days is not None and now - one.measured > timedelta(days=one.valid_days):
-        return f"measured {one.measured:%Y-%m-%d}, valid for {one.valid_days} days"
+        return say(
+            "measured {measured}, valid for {valid_days} days",
+            measured=measured,
+            valid_days=one.valid_days,
+        )
     if one.valid_runs is not None and used.run_count >= one.valid_runs:
-        return f"{used.run_count} runs have used it, it is valid for {one.valid_runs}"
+        return say(
+            "{run_count} runs have used it, it is valid for {valid_runs}",
+            run_count=used.run_count,
+            valid_runs=one.valid_runs,
+        )
     last = used.off_mm[-DRIFT_PARTS:]
     usual = float(np.median(last)) if len(last) == DRIFT_PARTS else 0.0
     if own in DRIFTING and usual > MAX_OFF_MM:
-        return (
-            f"arm and station camera disagree by {usual:.2f} mm from view to view of the "
-            f"last {DRIFT_PARTS} parts, {MAX_OFF_MM:g} are allowed: one of them has moved"
+        return say(
+            "arm and station camera disagree by {usual:.2f} mm from view to "
+            "view of the last {drift_parts} parts, {max_off_mm:g} are allowed: "
+            "one of them has moved",
+            usual=usual,
+            drift_parts=DRIFT_PARTS,
+            max_off_mm=MAX_OFF_MM,
         )
     if one.residual is not None and one.residual.value > one.residual.limit:
         of = one.residual
-        return f"its fit leaves {of.value:g} {of.unit}, {of.limit:g} are allowed"
+        return say(
+            "its fit leaves {value:g} {unit}, {limit:g} are allowed",
+            value=of.value,
+            unit=of.unit,
+            limit=of.limit,
+        )
     for name, digest in one.based_on.items():
         if name not in references:
-            return f"it is based on a calibration of {name.replace('_', ' ')} that is gone"
+            return say(
+                "it is based on a calibration of {name} that is gone", name=name.replace("_", " ")
+            )
         if references[name].sha256 != digest:
-            return f"{name.replace('_', ' ')} was calibrated anew since"
+            return say("{name} was calibrated anew since", name=name.replace("_", " "))
     return ""
 
 
@@ -138,15 +167,18 @@ def _why_not_verified(
     each: tuple[CalibrationStanding, ...],
 ) -> str:
     if not references:
-        return f"its poses are those of its file, and nothing was measured ({VERIFY})"
+        return say(
+            "its poses are those of its file, and nothing was measured ({verify})", verify=VERIFY
+        )
     record = found.get("verification")
     if not isinstance(record, VerificationRecord):
-        return f"no verification ({VERIFY})"
+        return say("no verification ({verify})", verify=VERIFY)
     if not record.passed:
-        return f"its verification of {record.measured:%Y-%m-%d} failed"
+        measured = f"{record.measured:%Y-%m-%d}"
+        return say("its verification of {measured} failed", measured=measured)
     later = sorted(name for name in references if name not in (*record.based_on, "verification"))
     if later:
-        return f"{', '.join(later)} came after its verification"
+        return say("{later} came after its verification", later=joined(", ", later))
     if why := next((one.why_stale for one in each if one.name == "verification"), ""):
         return why
     return ""

@@ -20,6 +20,7 @@ from scipy.special import betaincinv
 from sqlalchemy import ColumnElement, and_, case, func, select
 
 from ..queries import NAME, Filters, part_name
+from ..sentences import with_sentences
 from ..store import Store
 from ..tables import FINDING_FACES, FINDINGS, PARTS, RUNS
 
@@ -134,9 +135,10 @@ def agreement(store: Store, filters: Filters) -> Agreement:
         .order_by(p.recipe, p.verdict, p.review)
     )
     with store.reading() as db:
+        grouped = with_sentences(db, [tuple(row) for row in db.execute(by_face)])
         found = [
             Reviewed(recipe, kind, face, Rate(int(false), int(false) + int(real)), int(rest))
-            for recipe, kind, face, false, real, rest in db.execute(by_face)
+            for recipe, kind, face, false, real, rest in grouped
         ]
         verdicts = {(r, machine, word): int(n) for r, machine, word, n in db.execute(by_verdict)}
         awaiting = db.execute(

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
+from messages import key
 
 from .._types import Verdict
 
@@ -19,15 +20,15 @@ from .._types import Verdict
 class CharacteristicKind(StrEnum):
     """Kind of a characteristic; the value is its name in files and JSON."""
 
-    DIAMETER = "diameter"
-    POSITION = "position"
-    DISTANCE = "distance"
-    LENGTH = "length"
-    WIDTH = "width"
-    RADIUS = "radius"
-    ANGLE = "angle"
-    STRAIGHTNESS = "straightness"
-    ROUNDNESS = "roundness"
+    DIAMETER = key("diameter")
+    POSITION = key("position")
+    DISTANCE = key("distance")
+    LENGTH = key("length")
+    WIDTH = key("width")
+    RADIUS = key("radius")
+    ANGLE = key("angle")
+    STRAIGHTNESS = key("straightness")
+    ROUNDNESS = key("roundness")
 
 
 # Prefix of the source of general tolerances, and of the reason where the standard gives none.

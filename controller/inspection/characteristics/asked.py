@@ -14,6 +14,7 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.cad import Solid
 from controller.cad.compiled import CompiledPart
+from messages import say
 
 from ._types import Characteristic, CharacteristicKind, RimGeometry, place_of
 from .derive import derive
@@ -139,19 +140,33 @@ def _found(
         found = [at for at in found if known[at].kind == asked.kind]
     if not found:
         near = difflib.get_close_matches(wanted, names, n=MAX_CLOSE_NAMES, cutoff=0.4)
-        nearest = f"; nearest: {', '.join(near)}" if near else ""
-        raise AskedError(index, f"no characteristic {asked.name!r} on the part{nearest}")
+        nearest = say("; nearest: {near}", near=", ".join(near)) if near else ""
+        raise AskedError(
+            index,
+            say(
+                "no characteristic {name} on the part{nearest}",
+                name=repr(asked.name),
+                nearest=nearest,
+            ),
+        )
     kinds = {known[at].kind for at in found}
     if asked.has_limits and len(kinds) > 1:
         words = ", ".join(sorted(f"`{wanted} {kind}`" for kind in kinds))
-        raise AskedError(index, f"{asked.name!r} has several characteristics; write one of {words}")
+        raise AskedError(
+            index,
+            say(
+                "{name} has several characteristics; write one of {words}",
+                name=repr(asked.name),
+                words=words,
+            ),
+        )
     return found
 
 
 def _names(characteristic: Characteristic) -> set[str]:
     """Return the possible names of a characteristic, in lower case."""
     full = characteristic.id.lower()
-    feature = full.removesuffix(f" {characteristic.kind.value}")
+    feature = full.removesuffix(say(" {value}", value=characteristic.kind.value))
     return {full, feature, _NUMBER.sub("", full), _NUMBER.sub("", feature)}
 
 
@@ -165,7 +180,14 @@ def _by_faces(
     count = len(solid.faces)
     wrong = [i for i in asked.faces if not 0 <= i < count]
     if wrong:
-        raise AskedError(index, f"no face F{wrong[0]} on the part, which has F0 to F{count - 1}")
+        raise AskedError(
+            index,
+            say(
+                "no face F{wrong} on the part, which has F0 to F{count}",
+                wrong=wrong[0],
+                count=count - 1,
+            ),
+        )
     wanted = set(asked.faces)
     found = [
         at
@@ -182,7 +204,10 @@ def _by_faces(
         if pair is not None:
             known.append(pair_characteristic(pair, tolerance_class))
             return [len(known) - 1]
-    raise AskedError(index, f"{names}: no characteristic is of these faces, nor are they parallel")
+    raise AskedError(
+        index,
+        say("{names}: no characteristic is of these faces, nor are they parallel", names=names),
+    )
 
 
 def _planes(characteristic: Characteristic) -> set[int]:
@@ -210,7 +235,15 @@ def _by_place(known: list[Characteristic], asked: Asked, index: int) -> int:
     if best is None:
         place = ", ".join(f"{v:.2f}" for v in asked.p_part_mm)
         what = asked.kind.value if asked.kind is not None else "characteristic"
-        raise AskedError(index, f"no {what} within {NEAR_MM:g} mm of ({place}) on the part")
+        raise AskedError(
+            index,
+            say(
+                "no {what} within {near_mm:g} mm of ({place}) on the part",
+                what=what,
+                near_mm=NEAR_MM,
+                place=place,
+            ),
+        )
     return best[2]
 
 
@@ -237,7 +270,7 @@ def _distance_mm(
 
 def _changed(characteristic: Characteristic, asked: Asked, index: int) -> Characteristic:
     if asked.ignore:
-        exempt = f"{LEFT_OUT}{asked.source}: {asked.ignore}"
+        exempt = say("left out by the {source}: {ignore}", source=asked.source, ignore=asked.ignore)
         return replace(characteristic, exempt=exempt, is_measured=False)
     critical = asked.is_critical or characteristic.is_critical
     characteristic = replace(characteristic, is_critical=critical)
@@ -260,11 +293,20 @@ def _changed(characteristic: Characteristic, asked: Asked, index: int) -> Charac
     upper = asked.upper_mm if asked.upper_mm is not None else upper
     if lower > upper:
         raise AskedError(
-            index, f"the lower limit {lower:g} mm is above the upper one, {upper:g} mm"
+            index,
+            say(
+                "the lower limit {lower:g} mm is above the upper one, {upper:g} mm",
+                lower=lower,
+                upper=upper,
+            ),
         )
     states = asked.fit or any(
         v is not None for v in (asked.lower_mm, asked.upper_mm, asked.plus_mm, asked.minus_mm)
     )
-    source = f"{asked.source} {asked.fit}".strip() if states else characteristic.source
+    source = (
+        (say("{source} {fit}", source=asked.source, fit=asked.fit) if asked.fit else asked.source)
+        if states
+        else characteristic.source
+    )
     changed = characteristic.as_stated() if states else characteristic
     return replace(changed, nominal_mm=nominal, lower_mm=lower, upper_mm=upper, source=source)

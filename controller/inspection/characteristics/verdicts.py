@@ -5,6 +5,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from messages import joined, key, say
+
 from .._types import Verdict
 from ._types import Characteristic, CharacteristicKind, Measured
 from .limits import (
@@ -26,7 +28,7 @@ OWN_NUMBER: Final = re.compile(r" (?:\(\d+\)|F\d+(?: \w+ F\d+)?)")
 GROSS_SHARE: Final = 0.5
 GROSS_MM: Final = 0.15
 GROSS_PROBABILITY: Final = 0.99  # probability with which a value must exclude a plain miss
-NOT_DEEP: Final = "no picture shows how deep it is"
+NOT_DEEP: Final = key("no picture shows how deep it is")
 BADNESS: Final = {
     Verdict.PASS: 0,
     Verdict.NOT_EVALUATED: 1,
@@ -93,15 +95,19 @@ def with_capability(
     for one in characteristics:
         found = capability_of(one, station, accuracy)
         if one.is_general and not one.exempt and not found.is_capable:
-            promise = f"the cell promises U = {found.U_mm * UM_PER_MM:.0f} um"
+            promise = say("the cell promises U = {u_mm:.0f} um", u_mm=found.U_mm * UM_PER_MM)
             if (
                 found.share > 1.0 and not one.is_depth
             ):  # even a value within its limits would prove nothing
-                exempt = f"{promise}, and 2 U is more than the whole tolerance"
+                exempt = say("{promise}, and 2 U is more than the whole tolerance", promise=promise)
                 one = replace(one, exempt=exempt, is_measured=False)
             else:
-                share = f"2 U is {found.share:.1%} of the tolerance, above {MAX_SHARE:.0%}"
-                one = replace(one, exempt=f"{promise}; {share}")
+                share = say(
+                    "2 U is {share:.1%} of the tolerance, above {max_share:.0%}",
+                    share=found.share,
+                    max_share=MAX_SHARE,
+                )
+                one = replace(one, exempt=say("{promise}; {share}", promise=promise, share=share))
         marked.append(one)
     return tuple(marked)
 
@@ -128,7 +134,14 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
         if not asked.is_measured:
             left_out.setdefault(asked.exempt, []).append(asked.label)
         elif one.verdict is Verdict.FAIL:
-            failed.append(f"{asked.label}: {_value(one)}, beyond {_limits(asked)}")
+            failed.append(
+                say(
+                    "{label}: {value}, beyond {limits}",
+                    label=asked.label,
+                    value=_value(one),
+                    limits=_limits(asked),
+                )
+            )
         elif one.verdict is Verdict.PASS:
             continue
         elif one.measured_mm is None and asked.is_depth and asked.is_general:
@@ -139,17 +152,40 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
             optional.append(asked.label)
         elif one.measured_mm is None:
             still_open.append(
-                f"{asked.label}: not evaluated, {one.reason or 'no picture shows it'}"
+                say(
+                    "{label}: not evaluated, {reason}",
+                    label=asked.label,
+                    reason=one.reason or key("no picture shows it"),
+                )
             )
         elif is_near_enough(one) or (asked.is_depth and not one.is_disputed and _says_nothing(one)):
             why = asked.exempt or one.reason
-            unproven.append(f"{asked.label}: {_value(one)}, not proven; {why}")
+            unproven.append(
+                say(
+                    "{label}: {value}, not proven; {why}",
+                    label=asked.label,
+                    value=_value(one),
+                    why=why,
+                )
+            )
         else:
-            still_open.append(f"{asked.label}: {_value(one)}, {_why_open(one)}")
+            still_open.append(
+                say(
+                    "{label}: {value}, {why_open}",
+                    label=asked.label,
+                    value=_value(one),
+                    why_open=_why_open(one),
+                )
+            )
     verdict = Verdict.FAIL if failed else Verdict.INDETERMINATE if still_open else Verdict.PASS
     if optional:
-        unproven.append(f"{_named(optional)}: not verified, and not required by the recipe")
-    unproven += [f"{_alike(labels)}: not measured, {why}" for why, labels in left_out.items()]
+        unproven.append(
+            say("{named}: not verified, and not required by the recipe", named=_named(optional))
+        )
+    unproven += [
+        say("{alike}: not measured, {why}", alike=_alike(labels), why=why)
+        for why, labels in left_out.items()
+    ]
     return Standing(verdict, (*failed, *still_open), tuple(unproven))
 
 
@@ -204,14 +240,14 @@ def _why_open(one: Measured) -> str:
     asked = one.characteristic
     if one.is_disputed:
         return one.reason
-    return f"too near the limits {_limits(asked)} to decide"
+    return say("too near the limits {limits} to decide", limits=_limits(asked))
 
 
 def _named(labels: Sequence[str]) -> str:
     """Return the first few of some characteristics in words, and the number of the rest."""
     more = len(labels) - MAX_NAMED
-    shown = "; ".join(labels[:MAX_NAMED])
-    return f"{shown} and {more} more like these" if more > 0 else shown
+    shown = joined("; ", labels[:MAX_NAMED])
+    return say("{shown} and {more} more like these", shown=shown, more=more) if more > 0 else shown
 
 
 def _alike(labels: Sequence[str]) -> str:
@@ -219,9 +255,14 @@ def _alike(labels: Sequence[str]) -> str:
     groups: dict[str, list[str]] = {}
     for label in labels:
         groups.setdefault(OWN_NUMBER.sub("", label), []).append(label)
-    return "; ".join(
-        mine[0] if len(mine) == 1 else f"{name} ({len(mine)} of these)"
-        for name, mine in groups.items()
+    return joined(
+        "; ",
+        (
+            mine[0]
+            if len(mine) == 1
+            else say("{name} ({mine_count} of these)", name=name, mine_count=len(mine))
+            for name, mine in groups.items()
+        ),
     )
 
 
@@ -230,9 +271,17 @@ def _is_within(asked: Characteristic, value_mm: float) -> bool:
 
 
 def _value(one: Measured) -> str:
-    return f"{one.measured_mm:.3f} mm with U = {one.U_mm or 0.0:.3f} mm"
+    return say(
+        "{measured_mm:.3f} mm with U = {u_mm:.3f} mm",
+        measured_mm=one.measured_mm,
+        u_mm=one.U_mm or 0.0,
+    )
 
 
 def _limits(asked: Characteristic) -> str:
-    upper = f"{asked.upper_mm:g} mm"
-    return upper if asked.is_one_sided else f"{asked.lower_mm:g} to {upper}"
+    upper = say("{upper_mm:g} mm", upper_mm=asked.upper_mm)
+    return (
+        upper
+        if asked.is_one_sided
+        else say("{lower_mm:g} to {upper}", lower_mm=asked.lower_mm, upper=upper)
+    )

@@ -7,6 +7,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IndexArray, median
 from controller.imaging import EdgeFits
+from messages import say
 
 from ._rays import Rays
 from ._types import MeasuringSettings
@@ -117,43 +118,57 @@ def failure_of(
         share, shown = float(used[level == one].mean()), float(good[level == one].mean())
         # Where light hides the rest, the same share of the visible rays is required.
         if share < settings.min_share * (shown if shown < settings.min_share else 1.0):
-            return (
-                f"{100 * share:.0f} % of its edge lies on the fitted shape, "
-                f"{100 * settings.min_share:.0f} % is required"
+            return say(
+                "{share:.0f} % of its edge lies on the fitted shape, {min_share:.0f} % is required",
+                share=100 * share,
+                min_share=100 * settings.min_share,
             )
     burnt = float(found.burnt[used].mean())
     if burnt > settings.max_burnt:
-        return f"{100 * burnt:.0f} % of the pixels beside its edge are burnt out"
+        return say("{burnt:.0f} % of the pixels beside its edge are burnt out", burnt=100 * burnt)
     low, high = settings.width_px
     if not low <= width <= high:
-        return f"its edge is {width:.2f} px wide, a lens in focus makes {low:.2f} to {high:.1f} px"
+        return say(
+            "its edge is {width:.2f} px wide, a lens in focus makes {low:.2f} to {high:.1f} px",
+            width=width,
+            low=low,
+            high=high,
+        )
     sharp = picture.sharpness
     if sharp is not None:
         if abs(width / sharp.width_px - 1.0) > settings.max_width_change:
-            return (
-                f"its edge is {width:.2f} px wide, the picture's other edges are "
-                f"{sharp.width_px:.2f} px: not one edge, or out of focus"
+            return say(
+                "its edge is {width:.2f} px wide, the picture's other edges are "
+                "{width_px:.2f} px: not one edge, or out of focus",
+                width=width,
+                width_px=sharp.width_px,
             )
         contrast = median(np.abs(found.contrast[used]))
         least = settings.min_contrast_share * sharp.contrast
         if picture.is_backlit and contrast < least:
-            return (
-                f"its contrast is {contrast:.0f} grey levels, {least:.0f} are required: "
-                "light on its wall hides the edge"
+            return say(
+                "its contrast is {contrast:.0f} grey levels, {least:.0f} are "
+                "required: light on its wall hides the edge",
+                contrast=contrast,
+                least=least,
             )
     residual = median(found.residual[used])
     height = median(np.abs(found.contrast[used]))
     most = 3.0 * picture.noise + settings.max_profile * height
     if residual > most:
-        return (
-            f"the light across its edge is off a blurred step by {residual:.1f} grey levels, "
-            f"{most:.1f} is allowed"
+        return say(
+            "the light across its edge is off a blurred step by {residual:.1f} "
+            "grey levels, {most:.1f} is allowed",
+            residual=residual,
+            most=most,
         )
     scatter_limit = settings.max_form_px + 3.0 * median(found.sigma_px[used])
     if answer.scatter > scatter_limit:
-        return (
-            f"its edge scatters by {answer.scatter:.2f} px about the fitted shape, "
-            f"{scatter_limit:.2f} px is allowed"
+        return say(
+            "its edge scatters by {scatter:.2f} px about the fitted shape, "
+            "{scatter_limit:.2f} px is allowed",
+            scatter=answer.scatter,
+            scatter_limit=scatter_limit,
         )
     return ""
 

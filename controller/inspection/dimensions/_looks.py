@@ -15,6 +15,7 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.cad import Solid
 from controller.imaging import inverse_pose, transform
+from messages import joined, key, say
 
 from ..characteristics import (
     Characteristic,
@@ -29,12 +30,12 @@ from ..characteristics import (
 from ._features import FaceFeature, Feature, FeatureFit, RecessFeature, RimFeature
 from ._types import MeasuringSettings, PosedView
 
-NOISE: Final = "edge noise"
-LIGHT: Final = "edge type and light"
-WALL: Final = "walls seen flat"
-SHADOW: Final = "shadows that end beside it"
+NOISE: Final = key("edge noise")
+LIGHT: Final = key("edge type and light")
+WALL: Final = key("walls seen flat")
+SHADOW: Final = key("shadows that end beside it")
 BLUR: Final = "curvature"
-FACETS: Final = "CAD facets"
+FACETS: Final = key("CAD facets")
 POSE: Final = "pose"
 LENS: Final = "lens"
 SCALE: Final = "scale"
@@ -206,7 +207,7 @@ def estimate(
     eye = transform(inverse_pose(T), view.task.camera.position_mm[None])[0]
     middle = sought.middle_mm(only or 0)
     towards = (eye - middle) / np.linalg.norm(eye - middle)
-    reason = "; ".join(dict.fromkeys(fit.reason for fit in fits if fit.reason))
+    reason: str = joined("; ", dict.fromkeys(fit.reason for fit in fits if fit.reason))
     if any(len(fit.values_mm) == 0 for fit in fits):
         look = _look(characteristic, view, lamp, float("nan"), float("inf"), reason, {}, fits)
         return Estimate(look, np.zeros(1), NOTHING, towards, view.grasp)
@@ -237,14 +238,18 @@ def estimate(
     total = np.sum(list(parts.values()), axis=0)
     value, u = value_of(characteristic, vector, total)
     if not reason and characteristic.is_depth and value <= FAR_OUT * u:
-        reason = "the edge found in place of its floor may be that of its mouth"
+        reason = key("the edge found in place of its floor may be that of its mouth")
     is_part = bool(reason) and all(fit.is_part or not fit.reason for fit in fits)
     if (is_part or not reason) and 2.0 * u > characteristic.tolerance_mm:
         angle = np.degrees(np.arccos(min(abs(float(towards @ _facing(characteristic))), 1.0)))
         unit = "rad" if characteristic.kind is CharacteristicKind.ANGLE else "mm"
-        reason = (
-            f"U would be {2.0 * u:.3f} {unit} at {angle:.0f} degrees of incidence, its tolerance "
-            f"is {characteristic.tolerance_mm:.3f} {unit} wide"
+        reason = say(
+            "U would be {u:.3f} {unit} at {angle:.0f} degrees of incidence, "
+            "its tolerance is {tolerance_mm:.3f} {unit} wide",
+            u=2.0 * u,
+            unit=unit,
+            angle=angle,
+            tolerance_mm=characteristic.tolerance_mm,
         )
         is_part = False
     budget = {name: math.sqrt(largest_eigenvalue(part)) for name, part in parts.items()}

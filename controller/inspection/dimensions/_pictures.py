@@ -23,6 +23,7 @@ from controller.imaging import (
     transform,
 )
 from controller.imaging.levels import pixel_noise
+from messages import key, say
 
 from .._pose import PosedPart
 from .._scene import ViewScene, make_scene
@@ -49,9 +50,12 @@ OUTLINE_KNOWN: Final = 0.5
 BLUR_KNOWN: Final = 0.1  # difference between a lens's blur and a Gaussian one, as a share
 # Uncertainty as a share of a chord's height, since blur rounds the corners between chords.
 CHORDS_KNOWN: Final = 0.1
-ANOTHER: Final = "another edge of the part, or a shadow's border, belongs where it was found"
+ANOTHER: Final = key("another edge of the part, or a shadow's border, belongs where it was found")
 # Reasons where no edge of a recess is in sight at its mouth, and at its floor.
-NOT_IN_SIGHT: Final = ("no edge of its mouth is in sight", "no edge of its floor is in sight")
+NOT_IN_SIGHT: Final = (
+    key("no edge of its mouth is in sight"),
+    key("no edge of its floor is in sight"),
+)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -163,7 +167,7 @@ def fit_features(
     for i, feature in enumerate(prediction.features):
         mine = np.flatnonzero(owner == i)
         if len(mine) < settings.min_rays:
-            fits.append(FeatureFit("no edge of it is in sight"))
+            fits.append(FeatureFit(key("no edge of it is in sight")))
             continue
         fits.append(
             _fit(
@@ -354,9 +358,10 @@ def _fit(
             return FeatureFit(NOT_IN_SIGHT[one])
     share = min(float(good[level == one].mean()) for one in range(feature.level_count))
     if share < settings.min_share:
-        little = (
-            f"{100 * share:.0f} % of its edge found where it must show, "
-            f"{100 * settings.min_share:.0f} % is required"
+        little = say(
+            "{share:.0f} % of its edge found where it must show, {min_share:.0f} % is required",
+            share=100 * share,
+            min_share=100 * settings.min_share,
         )
         # Before a panel an edge is lit wherever it is.
         least = np.inf if picture.is_backlit else settings.min_part
@@ -377,7 +382,7 @@ def _fit(
     chords = _chords_made(design, rays, offset, variance)
     answer = _solved(design, rays, offset - chords.share * chords.chord_px, variance)
     if answer is None:
-        return FeatureFit("too little of its edge shows for a shape", points_px=points)
+        return FeatureFit(key("too little of its edge shows for a shape"), points_px=points)
     used = answer.used
     reason = failure_of(answer, good, rays, found, width, picture, settings, level)
     if not reason and is_another(design @ (moved + answer.values)):

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
+from messages import joined, key, say
 
 from .._types import Verdict
 from ..characteristics import Characteristic, Look, verdict_of
@@ -33,7 +34,7 @@ from ._looks import (
 )
 from ._types import BACKLIT, MeasuringSettings
 
-DISAGREES: Final = "disagrees with the other looks"
+DISAGREES: Final = key("disagrees with the other looks")
 NOT_COVERED: Final = 1.0 - NormalDist().cdf(COVERAGE_FACTOR)  # on either side
 MAX_DROPPED: Final = 1 / 3  # largest share of looks that may disagree with all others
 NAMED: Final = 2  # largest number of named reasons; more would only repeat them
@@ -103,10 +104,12 @@ def combine(
     if not characteristic.is_critical and verdict_of(characteristic, value, U) is Verdict.PASS:
         reason = ""  # whichever look is right, the value is within its limits
     if characteristic.is_critical and not reason and not whole.is_twice:
-        reason = "one look only, two independent ones are required"
+        reason = key("one look only, two independent ones are required")
     is_disputed = bool(reason)
     if part and not reason:
-        reason = f"{part} of its edge to decide: {_why_none(looks)}"
+        reason = say(
+            "light hides too much of its edge to decide: {why_none}", why_none=_why_none(looks)
+        )
     return Combined(
         value, U, reason, bool(reason), is_disputed, whole.views, tuple(looks), whole.is_sure
     )
@@ -183,9 +186,18 @@ def _chosen(
         if off <= allowed:
             break
         if len(good) == 2 or len(dropped) + 1 > MAX_DROPPED * count:
-            reason = f"looks disagree by {off:.3f} mm, their uncertainties allow {allowed:.3f} mm"
+            reason = say(
+                "looks disagree by {off:.3f} mm, their uncertainties allow {allowed:.3f} mm",
+                off=off,
+                allowed=allowed,
+            )
             break
-        why = f"{DISAGREES} by {off:.3f} mm, {allowed:.3f} mm is explained"
+        why = say(
+            "{disagrees} by {off:.3f} mm, {allowed:.3f} mm is explained",
+            disagrees=DISAGREES,
+            off=off,
+            allowed=allowed,
+        )
         dropped.append((good.pop(worst), why))
     used = [estimates[i] for i in good]
     vector, shares = _mean(used, settings)
@@ -402,11 +414,23 @@ def _has_two(used: Sequence[Estimate], settings: MeasuringSettings) -> bool:
 def _why_none(looks: Sequence[Look]) -> str:
     """Return the reason why no look counts, from the looks that came closest."""
     if not looks:
-        return "no view of it"
+        return key("no view of it")
     rank = sorted(looks, key=lambda look: look.points_px is None or len(look.points_px) == 0)
     named: dict[str, str] = {}
     for look in rank:
-        named.setdefault(look.reason, f"{look.view_id} {look.lamp}: {look.reason}")
+        named.setdefault(
+            look.reason,
+            say(
+                "{view_id} {lamp}: {reason}",
+                view_id=look.view_id,
+                lamp=look.lamp,
+                reason=look.reason,
+            ),
+        )
     if len(named) == 1:
-        return f"{looks[0].reason}, in no view" if len(looks) > 1 else next(iter(named.values()))
-    return "; ".join(list(named.values())[:NAMED])
+        return (
+            say("{reason}, in no view", reason=looks[0].reason)
+            if len(looks) > 1
+            else next(iter(named.values()))
+        )
+    return joined("; ", list(named.values())[:NAMED])

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from messages import key, say
+
 from .._pose import PosedPart
 from .._types import Verdict
 from ..characteristics import Characteristic, Measured, verdict_of
@@ -14,7 +16,7 @@ from ._types import MeasuringSettings, PosedView
 from .combine import Combined, combine
 
 DEFAULT: Final = MeasuringSettings()
-UNSURE: Final = "a FAIL needs two independent looks, and more than two in three that agree"
+UNSURE: Final = key("a FAIL needs two independent looks, and more than two in three that agree")
 
 
 def measure(
@@ -76,9 +78,9 @@ def put_together(
 def _why_not(characteristic: Characteristic) -> str:
     """Return the reason why no picture can show a characteristic; empty where one may."""
     if not characteristic.is_measured:
-        return characteristic.exempt or "it is not to be measured"
+        return characteristic.exempt or key("it is not to be measured")
     if not features_of(characteristic):
-        return "no edge of the CAD model shows it"
+        return key("no edge of the CAD model shows it")
     return ""
 
 
@@ -182,7 +184,11 @@ def result_of(characteristic: Characteristic, found: Combined) -> Measured:
             verdict = verdict_of(characteristic, found.measured_mm, found.U_mm)
             reason = _why(characteristic, found.measured_mm, found.U_mm, verdict)
             if verdict is Verdict.FAIL and not found.is_sure:
-                verdict, reason, is_disputed = Verdict.INDETERMINATE, f"{reason}; {UNSURE}", True
+                verdict, reason, is_disputed = (
+                    Verdict.INDETERMINATE,
+                    say("{reason}; {unsure}", reason=reason, unsure=UNSURE),
+                    True,
+                )
     return Measured(
         characteristic=characteristic,
         measured_mm=found.measured_mm,
@@ -208,6 +214,13 @@ def _why(characteristic: Characteristic, value: float, U: float, verdict: Verdic
         return ""
     lower, upper = characteristic.lower_mm, characteristic.upper_mm
     is_upper = abs(value - upper) <= abs(value - lower) or characteristic.is_one_sided
-    limit, side = (upper, "upper") if is_upper else (lower, "lower")
-    word = "beyond" if verdict is Verdict.FAIL else "too near to"
-    return f"{value:.3f} is {word} the {side} limit {limit:.3f}, U {U:.3f}"
+    limit, side = (upper, key("upper")) if is_upper else (lower, key("lower"))
+    word = key("beyond") if verdict is Verdict.FAIL else key("too near to")
+    return say(
+        "{value:.3f} is {word} the {side} limit {limit:.3f}, U {u:.3f}",
+        value=value,
+        word=word,
+        side=side,
+        limit=limit,
+        u=U,
+    )

@@ -12,6 +12,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, IndexArray
 from controller.cad import Recess, Solid
+from messages import key, say
 
 from .._types import Finding, FindingKind
 from ..dimensions import MeasuringSettings
@@ -168,7 +169,9 @@ def _edge_findings(
                 FindingKind.DIMENSION,
                 faces=tuple(dict.fromkeys(faces)),
                 area_mm2=plainest.off_mm * float(edges.length_mm[plainest.points].sum()),
-                words=f"an edge shows about {plainest.off_mm:.1f} mm out of its place",
+                words=say(
+                    "an edge shows about {off_mm:.1f} mm out of its place", off_mm=plainest.off_mm
+                ),
             ),
         )
 
@@ -185,9 +188,16 @@ def _missing_findings(
         look = max(looks, key=lambda look: int((look.state[points] != State.HIDDEN).sum()))
         length_mm = sum(one.length_mm for one in every)
         count = max(one.look_count for one in every)
-        what = "an edge" if len(every) == 1 else f"{len(every)} edges"
-        words = (
-            f"{what}, {length_mm:.1f} mm long, shown by none of {count} pictures that must show it"
+        what = (
+            key("an edge")
+            if len(every) == 1
+            else say("{every_count} edges", every_count=len(every))
+        )
+        words = say(
+            "{what}, {length_mm:.1f} mm long, shown by none of {count} pictures that must show it",
+            what=what,
+            length_mm=length_mm,
+            count=count,
         )
         yield (
             look.view_id,

@@ -11,6 +11,7 @@ from scipy.spatial.distance import cdist
 
 from controller.arrays import BoolArray, FloatArray, IndexArray, lengths
 from controller.cad import Crease, Mouth, Recess, Solid, find_mouths
+from messages import key, say
 
 from ._depth import Floor
 from ._edges import KEPT_PARTS, SPACING_PX, PartEdges
@@ -29,11 +30,11 @@ BESIDE: Final = 1.5  # distance, in spacings, below which points of two mouths o
 # Least cosine between the normals of pieces of one wall: between that of two places one spacing
 # apart round a bore of three pixels' radius, and that of neighbouring walls of an octagon.
 IN_LINE: Final = 0.75
-NO_DEPTH: Final = "no picture shows how deep its floor lies"
-DISPUTED: Final = "pictures disagree on how deep its floor lies"
-NO_RIM: Final = "its rim is too short to be looked for"
-CLOSED: Final = "no light is shown to pass the bore that it leads to"
-OF_ITS_EDGES: Final = "of its edges"  # how a face is verified that no defect fits on
+NO_DEPTH: Final = key("no picture shows how deep its floor lies")
+DISPUTED: Final = key("pictures disagree on how deep its floor lies")
+NO_RIM: Final = key("its rim is too short to be looked for")
+CLOSED: Final = key("no light is shown to pass the bore that it leads to")
+OF_ITS_EDGES: Final = key("of its edges")  # how a face is verified that no defect fits on
 PER_FACE: Final = 400  # random points per face, for its largest disc to a few per cent
 
 
@@ -65,7 +66,7 @@ def floor_words(off_mm: float) -> str:
     off_mm : height above nominal; negative for a deeper floor
     """
     way = "higher" if off_mm > 0 else "deeper"
-    return f"the floor shows about {abs(off_mm):.1f} mm {way}"
+    return say("the floor shows about {off_mm:.1f} mm {way}", off_mm=abs(off_mm), way=way)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,18 +162,24 @@ def prove_faces(
             light = [_by_light(edges, looks, rim, face) for rim in rims]
             # A wall with one plain mouth is proven by it, one from end to end by both.
             share = min(light) if recess is not None else max(light)
-            how = "of its rims, by the light through it," if share > GREATER_PART else ""
-            why = f"light through it is shown at {100 * share:.0f} % of its rims"
+            how = key("of its rims, by the light through it,") if share > GREATER_PART else ""
+            why = say("light through it is shown at {share:.0f} % of its rims", share=100 * share)
             round_ = _beside_light(edges, looks, rims, held, face) if recess is not None else 0.0
             if not how and round_ >= ALL_ROUND:
-                share, how = round_, "of its rims, by the light through the part of it in sight,"
+                share, how = (
+                    round_,
+                    key("of its rims, by the light through the part of it in sight,"),
+                )
         elif recess is not None and not recess.is_through:
             share, how, why = _blind(edges, looks, face, floors[recess.walls])
         is_hole = solid.faces[face].concave and solid.faces[face].kind != "cone"
         if recess is None and narrow[face] and not is_hole:
             # A rim in place does not prove the depth of a hole: walls of bores are excluded here.
             told = _told(edges, looks, own, side, smallest_mm)
-            why = f"{100 * told:.0f} % of its edges shown in place where a defect would move them"
+            why = say(
+                "{told:.0f} % of its edges shown in place where a defect would move them",
+                told=100 * told,
+            )
             if told > GREATER_PART:
                 share, how = told, OF_ITS_EDGES
         out[face] = FaceEdges(share, count, bool(how), how, "" if how else why)
@@ -221,7 +228,7 @@ def _prove_floor(
         return
     if all(wall.is_verified for wall in walls):
         share = min(wall.share for wall in walls)
-        how = "of the rim above it, and it at its depth,"
+        how = key("of the rim above it, and it at its depth,")
         faces[face] = replace(faces[face], share=share, is_verified=True, how=how, why="")
     else:
         why = next((wall.why for wall in walls if wall.why), "")
@@ -420,9 +427,13 @@ def _blind(
     if floor.is_doubted:
         return share, "", DISPUTED
     if share <= GREATER_PART:
-        return share, "", f"{100 * share:.0f} % of its rim shown in place"
+        return share, "", say("{share:.0f} % of its rim shown in place", share=100 * share)
     if np.isfinite(bound_mm):
-        return share, f"of its rim, its floor within {bound_mm:.1f} mm of its depth,", ""
+        return (
+            share,
+            say("of its rim, its floor within {bound_mm:.1f} mm of its depth,", bound_mm=bound_mm),
+            "",
+        )
     return share, "", NO_DEPTH
 
 

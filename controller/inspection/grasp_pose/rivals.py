@@ -14,6 +14,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 from controller.cad import Solid
+from messages import key
 
 from .._pose import PosedPart
 from ..limits import LOST_PX
@@ -102,7 +103,7 @@ def find_rival(
     is_explained = expected >= min(explained, SUSPECT_SHARE)
     if log_odds < DECIDED or explained < EXPLAINS or is_explained:
         return None
-    return Rival("its mirror image", log_odds, explained, expected)
+    return Rival(key("its mirror image"), log_odds, explained, expected)
 
 
 def _turned(views: Sequence[OutlinedView], part: PosedPart, axis: int) -> list[OutlinedView]:

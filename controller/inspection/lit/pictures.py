@@ -13,6 +13,7 @@ from controller.arrays import BoolArray, Float32Array, Grey
 from controller.cad import SurfaceSamples
 from controller.imaging import ViewMaps, inverse_pose, transform
 from controller.recognition.fitting import ModelEdgePoints, predict_edges
+from messages import key, say
 
 from .._connected import connected_findings, grow
 from .._pose import PosedPart, PoseFit, point_spread
@@ -74,7 +75,7 @@ SPREAD_NODES: Final = 8  # step in nodes: the pose's spread changes slowly
 SHADOW_NODES: Final = 5
 PARTLY_NODES: Final = 2  # width in nodes: lamps are a little larger than their centres suggest
 LIT: Final = 0.05  # least light that shows texture, in that of a surface square to the lamp
-NOT_SHOWN: Final = "it shows too little of the part's outline and edges to verify the pose"
+NOT_SHOWN: Final = key("it shows too little of the part's outline and edges to verify the pose")
 MIN_NOISE_GREY: Final = 0.3  # least noise, in grey levels of eight bits
 
 
@@ -388,9 +389,13 @@ class LitPictures:
             by_other = fit_brightness(mine.observed, other.light, fitting, self._surface.face)
             error = _error(mine.observed[used], by_other.predicted[used])
             if error < OTHER_LAMP * own:
-                return (
-                    f"it looks as lit by {lamp.name}, {100 * error:.1f} % off in the mean, not by "
-                    f"{mine.name}, {100 * own:.1f} %: were the lamps swapped?"
+                return say(
+                    "it looks as lit by {name}, {error:.1f} % off in the mean, not by "
+                    "{name2}, {own:.1f} %: were the lamps swapped?",
+                    name=lamp.name,
+                    error=100 * error,
+                    name2=mine.name,
+                    own=100 * own,
                 )
         return ""
 
@@ -402,13 +407,16 @@ class LitPictures:
         limits = self._task.limits
         fitted = lit.observed[lit.fitting]
         if float((fitted >= BURNT_GREY).mean()) > MAX_BURNT:
-            return "it is burnt out: a shorter exposure or a darker lamp is needed"
+            return key("it is burnt out: a shorter exposure or a darker lamp is needed")
         if float(np.quantile(fitted, 0.9)) < limits.min_contrast / 4:
-            return "it gives no light: is the lamp on?"
+            return key("it gives no light: is the lamp on?")
         if brightness.typical > WORST_TYPICAL:
-            return (
-                f"brightness scatters by {100 * brightness.typical:.0f} % about the prediction, "
-                f"{100 * WORST_TYPICAL:.0f} % is allowed: not this lamp, or not this finish"
+            return say(
+                "brightness scatters by {typical:.0f} % about the prediction, "
+                "{worst_typical:.0f} % is allowed: not this lamp, or not this "
+                "finish",
+                typical=100 * brightness.typical,
+                worst_typical=100 * WORST_TYPICAL,
             )
         return ""
 
@@ -596,14 +604,18 @@ def _refusal(
     """
     shift = float(np.linalg.norm(steps.shift_px))
     if shift > limits.max_lit_shift_px:
-        return (
-            f"it is {shift:.1f} px beside the backlit one, "
-            f"{limits.max_lit_shift_px:.1f} px is allowed: the part or the camera moved"
+        return say(
+            "it is {shift:.1f} px beside the backlit one, "
+            "{max_lit_shift_px:.1f} px is allowed: the part or the camera moved",
+            shift=shift,
+            max_lit_shift_px=limits.max_lit_shift_px,
         )
     if growth_px - lens_px > limits.max_edge_growth_px:
-        return (
-            f"its edges are {growth_px:.1f} px wider than they should be, "
-            f"{lens_px + limits.max_edge_growth_px:.1f} px is allowed: out of focus, or moved"
+        return say(
+            "its edges are {growth_px:.1f} px wider than they should be, "
+            "{lens_px:.1f} px is allowed: out of focus, or moved",
+            growth_px=growth_px,
+            lens_px=lens_px + limits.max_edge_growth_px,
         )
     return ""
 

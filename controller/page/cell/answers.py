@@ -8,13 +8,14 @@ from datetime import UTC, datetime
 from typing import Any, Final
 
 from pydantic import Field
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 
 from controller.cell.devices.lock import LOCK_NAME, read_holder
 from controller.config import ConfigError, load_cell
 from controller.config.files import file_within
+from messages import say
 
-from ..frame import GetRoute, NoBody, PostBody, PostRoute, Setting, Visit, refused, word
+from ..frame import Answer, GetRoute, NoBody, PostBody, PostRoute, Setting, Visit, refused, word
 from ..frame.drawn import picture_bytes
 from ..security import Role
 from ..work import BusyError, Workshop
@@ -88,12 +89,12 @@ class CellAnswers:
         if found is None:
             return _missing()
         holder = read_holder(self._runs_dir / LOCK_NAME)
-        return JSONResponse(found | {"holder": "" if holder is None else str(holder)})
+        return Answer(found | {"holder": "" if holder is None else str(holder)})
 
     async def pictures(self, _: Visit) -> Response:
         """Return the last pictures of the newest run, measured."""
         async with self._looking:
-            return JSONResponse(await asyncio.to_thread(self._pictures.facts))
+            return Answer(await asyncio.to_thread(self._pictures.facts))
 
     async def picture(self, visit: Visit) -> Response:
         """Return one of the last pictures; its file is named by the journal alone."""
@@ -132,7 +133,7 @@ class CellAnswers:
         key = visit.request.query_params.get("cell", "")
         work = self._workshop.last("doctor", key)
         running = self._workshop.running
-        return JSONResponse(
+        return Answer(
             {
                 "running": None if running is None else running.facts(),
                 "work": None if work is None else work.facts(),
@@ -144,14 +145,14 @@ class CellAnswers:
         """Return the pictures that the doctor has just taken, measured."""
         work = self._workshop.last("live", LIVE)
         if work is None:
-            return JSONResponse({"work": None, "pictures": [], "failed": []})
+            return Answer({"work": None, "pictures": [], "failed": []})
 
         def found() -> dict[str, Any]:
             bodies = work.bodies()
             failed = [one for one in bodies if one.get("ok") is False]
             return {"pictures": live_facts(bodies, work.folder), "failed": failed}
 
-        return JSONResponse({"work": work.facts(), **await asyncio.to_thread(found)})
+        return Answer({"work": work.facts(), **await asyncio.to_thread(found)})
 
     async def live_picture(self, visit: Visit) -> Response:
         """Return one of the pictures that the doctor has just taken."""
@@ -175,7 +176,7 @@ class CellAnswers:
             return _missing()
         holder = read_holder(self._runs_dir / LOCK_NAME)
         if holder is not None:
-            return refused(409, f"the cell is busy: {holder} has it")
+            return refused(409, say("the cell is busy: {holder} has it", holder=holder))
         return self._examined(visit, file, kind)
 
     def _examined(self, visit: Visit, file: CellFile, kind: str) -> Response:
@@ -193,11 +194,11 @@ class CellAnswers:
             )
         except BusyError:
             return refused(409, word("the doctor looks already; wait, or cancel it"))
-        return JSONResponse({"running": work.facts()})
+        return Answer({"running": work.facts()})
 
     async def cancel(self, _visit: Visit, _body: NoBody) -> Response:
         """End the doctor's look; return whether there was one."""
-        return JSONResponse({"done": await self._workshop.cancel()})
+        return Answer({"done": await self._workshop.cancel()})
 
 
 def _missing() -> Response:

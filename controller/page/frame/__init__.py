@@ -15,10 +15,11 @@ from .screens import (
     Upload,
 )
 from .uploads import Uploaded
-from .visit import PageFrame, Visit, refused
+from .visit import Answer, PageFrame, Visit, refused, worded
 from .words import word
 
 __all__ = [
+    "Answer",
     "GetRoute",
     "NoBody",
     "PageFrame",
@@ -32,4 +33,5 @@ __all__ = [
     "Visit",
     "refused",
     "word",
+    "worded",
 ]

@@ -17,6 +17,7 @@ from controller.cad import Solid
 from controller.config.files import file_within
 from controller.results.judged.cad import solid_of
 from drivers.pictures import BrokenPictureError, decode
+from messages import say
 
 PICTURE_WIDTH_PX: Final = 640
 PICTURE_QUALITY: Final = 82
@@ -92,7 +93,11 @@ def why_not_drawn(count: int) -> str:
     """Return the reason why a mesh of so many triangles is not drawn; empty where it is."""
     if count <= TRIANGLE_MAX_COUNT:
         return ""
-    return f"the part has {count} triangles, {TRIANGLE_MAX_COUNT} at most are drawn"
+    return say(
+        "the part has {count} triangles, {triangle_max_count} at most are drawn",
+        count=count,
+        triangle_max_count=TRIANGLE_MAX_COUNT,
+    )
 
 
 def mesh_of(recipe: Mapping[str, Any], stored: Mapping[str, str], folder: Path) -> dict[str, Any]:

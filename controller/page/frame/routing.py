@@ -15,7 +15,7 @@ from ..security import Role
 from ..security.sessions import same
 from .screens import GetRoute, PostRoute, RequestRefusedError, Screen, Upload
 from .uploads import received
-from .visit import PageFrame, Visit, refused
+from .visit import Answer, PageFrame, Visit, language_of, refused
 from .words import word
 
 Endpoint = Callable[[Request], Awaitable[Response]]
@@ -132,8 +132,9 @@ def _uploaded(
 def _refusing(answer: Endpoint) -> Endpoint:
     async def endpoint(request: Request) -> Response:
         try:
-            return await answer(request)
+            found = await answer(request)
         except (RequestRefusedError, LaunchRefusedError) as error:
-            return refused(error.status, str(error))
+            found = refused(error.status, str(error))
+        return found.in_language(language_of(request)) if isinstance(found, Answer) else found
 
     return endpoint

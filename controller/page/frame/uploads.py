@@ -13,6 +13,8 @@ from typing import Final
 
 from starlette.requests import ClientDisconnect, Request
 
+from messages import say
+
 from .screens import RequestRefusedError, Upload
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+()-]{0,99}")
@@ -61,7 +63,10 @@ async def received(request: Request, upload: Upload) -> AsyncIterator[Uploaded]:
     suffix = Path(name).suffix.lower()
     if suffix not in upload.suffixes:
         allowed = ", ".join(sorted(upload.suffixes))
-        raise RequestRefusedError(415, f"`{suffix}`: the file ends in one of {allowed}")
+        raise RequestRefusedError(
+            415,
+            say("`{suffix}`: the file ends in one of {allowed}", suffix=suffix, allowed=allowed),
+        )
     with tempfile.TemporaryDirectory(prefix="cellctl-upload-") as folder:
         path = Path(folder) / f"file{suffix}"
         length = int(request.headers.get("content-length", "0"))
@@ -75,7 +80,9 @@ async def received(request: Request, upload: Upload) -> AsyncIterator[Uploaded]:
         except ClientDisconnect as error:
             raise RequestRefusedError(400, "the file did not arrive whole") from error
         except OSError as error:
-            raise RequestRefusedError(507, f"the file cannot be kept: {error.strerror}") from error
+            raise RequestRefusedError(
+                507, say("the file cannot be kept: {strerror}", strerror=error.strerror)
+            ) from error
         require_sound_archive(path)
         yield Uploaded(name, path)
 
@@ -91,7 +98,9 @@ async def _write(request: Request, path: Path, max_bytes: int) -> None:
                 return
             size += len(piece)
             if size > max_bytes:
-                raise RequestRefusedError(413, f"a file has {max_bytes} bytes at most")
+                raise RequestRefusedError(
+                    413, say("a file has {max_bytes} bytes at most", max_bytes=max_bytes)
+                )
             file.write(piece)
 
 
@@ -108,12 +117,19 @@ def require_sound_archive(path: Path) -> None:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
     except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
-        raise RequestRefusedError(422, f"the archive is damaged: {error}") from error
+        raise RequestRefusedError(
+            422, say("the archive is damaged: {error}", error=error)
+        ) from error
     unpacked = sum(one.file_size for one in entries)
     packed = max(1, path.stat().st_size)
     if len(entries) > ENTRY_MAX_COUNT:
         raise RequestRefusedError(
-            422, f"the archive has {len(entries)} entries, {ENTRY_MAX_COUNT} at most"
+            422,
+            say(
+                "the archive has {entries_count} entries, {entry_max_count} at most",
+                entries_count=len(entries),
+                entry_max_count=ENTRY_MAX_COUNT,
+            ),
         )
     if unpacked > UNPACKED_MAX_BYTES or unpacked > UNPACKED_MAX_RATIO * packed + 1_000_000:
         raise RequestRefusedError(422, "the archive unpacks to more than a part has")

@@ -12,15 +12,14 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, PrefixLoader, Stric
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
+from messages.words import LANGUAGES, teller, words_in
+
 from ..security import Account, Accounts, Attempts, BrowserSession, PageAddress, Role, Sessions
 from .screens import Screen
 from .words import (
-    LANGUAGES,
-    cell_words,
     chosen,
     count_in,
     every_word,
-    teller,
     translator,
     value_in,
 )
@@ -29,9 +28,39 @@ LANGUAGE_COOKIE: Final = "cellctl_language"
 YEAR_S: Final = 31_536_000
 
 
-def refused(status: int, text: str) -> JSONResponse:
+class Answer(JSONResponse):
+    """JSON whose sentences are put into words once the language of the person is known.
+
+    Parameters
+    ----------
+    content : JSON object
+    status : status of the answer
+    """
+
+    def __init__(self, content: Mapping[str, object], status: int = 200) -> None:
+        self._content = content
+        super().__init__(content, status)
+
+    def in_language(self, language: str) -> Response:
+        """Return the answer with the words of its texts beside them, by their English."""
+        return JSONResponse(worded(self._content, language), self.status_code)
+
+
+def worded(content: Mapping[str, object], language: str) -> Mapping[str, object]:
+    """Return a JSON object with a member `words`: by the English of its texts those of a language.
+
+    Parameters
+    ----------
+    content : JSON object
+    language : one of `LANGUAGES`
+    """
+    found = words_in(language, content)
+    return {**content, "words": found} if found else content
+
+
+def refused(status: int, text: str) -> Answer:
     """Return a refusal, with a sentence on the reason."""
-    return JSONResponse({"error": text}, status)
+    return Answer({"error": text}, status)
 
 
 def address_of(request: Request) -> str:
@@ -169,7 +198,6 @@ class Visit:
             "may_edit": role >= Role.ENGINEER,
             "csrf": self.session.csrf,
             "words": dict(every_word(self.language, self.screen.name)),
-            "cell_words": cell_words(self.language),
             "told": told,
             "told_all": lambda texts: ", ".join(map(told, texts)),
             "value": partial(value_in, self.language),

@@ -22,11 +22,12 @@ from controller.history import (
     values_of,
 )
 from controller.history.reviewing import one_part
+from messages.words import teller
 
 from ..frame.drawn import picture_of
 from ..frame.screens import GetRoute
 from ..frame.visit import Visit, refused
-from ..frame.words import teller, translator, value_in, word
+from ..frame.words import translator, value_in, word
 from ..records import (
     ELSEWHERE,
     FORMS,
@@ -139,7 +140,7 @@ class HistoryAnswers:
             return refused(404, word("there is no such part"))
         found = await self._records.picture(part, visit.request.path_params["picture"])
         if isinstance(found, str):
-            return refused(404, teller(visit.language)(found))
+            return refused(404, found)
         return await picture_of(found) or refused(404, word("there is no such picture"))
 
     async def file(self, visit: Visit) -> Response:

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from pydantic import Field
-from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.responses import Response, StreamingResponse
 
 from controller.cell.control import (
     MAX_KEY,
@@ -22,11 +22,12 @@ from controller.cell.control import (
     facts,
 )
 from controller.launching import Launcher, RunRequest
+from messages import say
 
 from ..frame.drawn import mesh_of, packed, packed_json, run_picture
 from ..frame.screens import GetRoute, PostBody, PostRoute, Setting, Upload
 from ..frame.uploads import Uploaded
-from ..frame.visit import Visit, address_of, refused
+from ..frame.visit import Answer, Visit, address_of, refused, worded
 from ..frame.words import word
 from ..security import Role
 from .listing import LIST_MAX_BYTES, keep_sent
@@ -101,7 +102,7 @@ class NowAnswers:
         self._setting = setting
         self._live = live
         self._cell = RunningCell(setting.runs_dir)
-        self._mesh: tuple[tuple[str, str], bytes] | None = None
+        self._mesh: tuple[tuple[str, str, str], bytes] | None = None
         self._acting = asyncio.Lock()
 
     @property
@@ -145,7 +146,7 @@ class NowAnswers:
 
     async def events(self, visit: Visit) -> Response:
         """Return a stream of the present state, then of each change, while the session lasts."""
-        stream = self._live.watch(visit.account.name, address_of(visit.request))
+        stream = self._live.watch(visit.account.name, address_of(visit.request), visit.language)
         try:
             first = await anext(stream, None)
         except TooManyWatchersError:
@@ -165,26 +166,27 @@ class NowAnswers:
             lines(), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"}
         )
 
-    async def scene(self, _: Visit) -> Response:
+    async def scene(self, visit: Visit) -> Response:
         """Return the static objects of the cell."""
         scene = self._live.scene
         if scene is None:
             return refused(404, word("there is no cell to draw"))
-        return packed(packed_json(scene.standing))
+        return packed(packed_json(worded(scene.standing, visit.language)))
 
-    async def mesh(self, _: Visit) -> Response:
+    async def mesh(self, visit: Visit) -> Response:
         """Return the part's mesh."""
         fold = self._live.fold
         if fold is None:
             return refused(404, word("there is no run"))
         began, folder = fold.began, self._setting.runs_dir / fold.run
         if began is None:
-            return packed(packed_json({"why": "the run has only begun"}))
+            why = {"why": say("the run has only begun")}
+            return packed(packed_json(worded(why, visit.language)))
         recipe = fold.recipe
-        key = (fold.run, str(recipe.get("part", "")))
+        key = (fold.run, str(recipe.get("part", "")), visit.language)
         if self._mesh is None or self._mesh[0] != key:
             found = await asyncio.to_thread(
-                lambda: packed_json(mesh_of(recipe, began.files, folder))
+                lambda: packed_json(worded(mesh_of(recipe, began.files, folder), visit.language))
             )
             self._mesh = (key, found)
         return packed(self._mesh[1])
@@ -202,25 +204,25 @@ class NowAnswers:
         """Return the recipes and cell files available for a run."""
         choices, last = await self._launcher.choices(), await self._launcher.last()
         again = None if last is None else last.model_dump(mode="json")
-        return JSONResponse({**asdict(choices), "last": again})
+        return Answer({**asdict(choices), "last": again})
 
     async def list(self, _: Visit, sent: Uploaded) -> Response:
         """Keep a list of parts for a run; return its key and its content."""
         project = self._setting.project_dir.absolute()
-        return JSONResponse(await keep_sent(self._launcher, sent, project))
+        return Answer(await keep_sent(self._launcher, sent, project))
 
     async def cancel(self, _: Visit, __: CancelBody) -> Response:
         """End the preparation of the run that was started here; return whether that was done."""
         if not self._live.is_preparing:
             return refused(409, word("the run works already; stop it instead"))
         await self._launcher.cancel()
-        return JSONResponse({"done": True})
+        return Answer({"done": True})
 
     async def start(self, visit: Visit, body: StartBody) -> Response:
         """Start a run in the name of a person; return that it was started, or why not."""
         await self._launcher.start(body, visit.account.name)
         self._live.publish()
-        return JSONResponse({"done": True})
+        return Answer({"done": True})
 
     def _order(self, name: str, model: type[Order]) -> Callable[[Visit, Any], Awaitable[Response]]:
         async def answer(visit: Visit, body: _OrderBody) -> Response:
@@ -231,6 +233,6 @@ class NowAnswers:
             except (ControlError, OSError) as error:
                 return refused(503, str(error))
             self._live.refresh()
-            return JSONResponse(facts(reply), 409 if reply.decision == "refused" else 200)
+            return Answer(facts(reply), 409 if reply.decision == "refused" else 200)
 
         return answer

@@ -9,6 +9,7 @@ from typing import Any, Final
 from controller.cell.alarms import BY_NUMBER
 from controller.cell.custody import Custody
 from controller.cell.journal import Row, read_row, rows
+from messages import say
 
 SIZE_PX: Final = (1280, 1024)  # size where the journal does not have it
 VIEW_COUNT: Final = 6
@@ -316,7 +317,9 @@ class RunFold:
                 if body.who:
                     self._act(row, row.name, body.who, body.why, body.answer)
             case rows.QuestionAnswered():
-                self._act(row, f"answer {body.choice}", body.who, body.why, "handled")
+                self._act(
+                    row, say("answer {choice}", choice=body.choice), body.who, body.why, "handled"
+                )
             case rows.Acknowledged():
                 self._act(row, "ack", body.who, body.why, "handled")
             case _:

@@ -15,6 +15,7 @@ from controller.config import ConfigError
 from controller.config.files import read_text
 from controller.config.parts_list import COLUMNS, ListReader
 from controller.launching import Choices, Launcher, RecipeChoice
+from messages import say
 
 from ..frame.screens import RequestRefusedError
 from ..frame.uploads import Uploaded
@@ -90,12 +91,19 @@ def _parts(sent: Path) -> list[dict[str, str]]:
             )
         for row in reader.rows(titles):
             if row is None or max(map(len, row.values())) > TEXT_MAX:
-                raise RequestRefusedError(422, f"line {reader.line} of the list does not fit")
+                raise RequestRefusedError(
+                    422, say("line {line} of the list does not fit", line=reader.line)
+                )
             if len(parts) == LIST_MAX_COUNT:
-                raise RequestRefusedError(422, f"a list has {LIST_MAX_COUNT} parts at most")
+                raise RequestRefusedError(
+                    422,
+                    say("a list has {list_max_count} parts at most", list_max_count=LIST_MAX_COUNT),
+                )
             parts.append({title: value.strip() for title, value in row.items()})
     except csv.Error as error:
-        raise RequestRefusedError(422, f"line {reader.line} of the list does not fit") from error
+        raise RequestRefusedError(
+            422, say("line {line} of the list does not fit", line=reader.line)
+        ) from error
     if not parts:
         raise RequestRefusedError(422, "the list has no parts")
     return parts
@@ -107,7 +115,9 @@ def _recipe(name: str, choices: Choices) -> RecipeChoice:
     exact = choices.recipe(name)
     found = exact or (by_file[0] if len(by_file) == 1 else None)
     if found is None:
-        raise RequestRefusedError(422, f"`{name}`: there is no such file in the project")
+        raise RequestRefusedError(
+            422, say("`{name}`: there is no such file in the project", name=name)
+        )
     if found.problem:
         raise RequestRefusedError(422, found.problem)
     return found

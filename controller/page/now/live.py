@@ -12,7 +12,7 @@ import asyncio
 import json
 import logging
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,6 +37,8 @@ from controller.cell.journal import (
     newest_run,
     read_rows_after,
 )
+from messages import say
+from messages.words import LANGUAGES, words_in
 
 from .fold import JournaledArm, RunFold
 from .left import fold_of, unfinished
@@ -58,12 +60,38 @@ WATCHER_OF_ONE_MAX_COUNT: Final = 10  # limit, so that one account cannot take t
 # limit, so that one address with several accounts cannot either
 WATCHER_OF_ADDRESS_MAX_COUNT: Final = 20
 NOW: Final = "now."
+WORDS: Final = "words"  # member of a message with the words of its texts
 # Parts of a run that are sent separately: each is longer than all the rest, and changes on its own.
 APART: Final = ("plan", "views", "table", "parts", "alarms", "acts")
 
 
 class TooManyWatchersError(Exception):
     """More browsers look than the page has room for."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """A piece of what is known, as it goes to browsers.
+
+    Attributes
+    ----------
+    text : as JSON
+    words : by language, the words of its texts by their English
+    """
+
+    text: str
+    words: Mapping[str, Mapping[str, str]]
+
+    @classmethod
+    def of(cls, content: object, text: str) -> "Piece":
+        """Return a piece.
+
+        Parameters
+        ----------
+        content : the piece
+        text : the same as JSON
+        """
+        return cls(text, {language: words_in(language, content) for language in LANGUAGES})
 
 
 @dataclass(slots=True, eq=False)
@@ -74,17 +102,19 @@ class BrowserWatch:
     ----------
     owner : name of the account
     address : address of the browser
+    language : language of the person
     waiting : messages by kind, in the order in which they came
     """
 
     owner: str = ""
     address: str = ""
-    waiting: dict[str, str] = field(default_factory=dict)
+    language: str = "en"
+    waiting: dict[str, Piece] = field(default_factory=dict)
     has_more: asyncio.Event = field(default_factory=asyncio.Event)
 
-    def put(self, kind: str, message: str) -> None:
+    def put(self, kind: str, piece: Piece) -> None:
         """Leave a message."""
-        self.waiting[kind] = message
+        self.waiting[kind] = piece
         self.has_more.set()
 
     def take(self) -> Iterator[tuple[str, str]]:
@@ -93,9 +123,15 @@ class BrowserWatch:
         self.has_more.clear()
         pieces = [kind for kind in waiting if kind.startswith(NOW)]
         if pieces:
-            members = (f"{json.dumps(kind[len(NOW) :])}:{waiting.pop(kind)}" for kind in pieces)
+            found = {kind[len(NOW) :]: waiting.pop(kind) for kind in pieces}
+            members = [f"{json.dumps(name)}:{piece.text}" for name, piece in found.items()]
+            words: dict[str, str] = {}
+            for piece in found.values():
+                words |= piece.words[self.language]
+            if words:
+                members.append(f'"{WORDS}":{_dumped(words)}')
             yield "now", "{" + ",".join(members) + "}"
-        yield from waiting.items()
+        yield from ((kind, piece.text) for kind, piece in waiting.items())
 
 
 class Live:
@@ -121,7 +157,7 @@ class Live:
         self._cell = RunningCell(runs_dir)
         self._mark: tuple[object, ...] = ()
         self._watchers: set[BrowserWatch] = set()
-        self._sent: dict[str, str] = {}
+        self._sent: dict[str, Piece] = {}
         self._shown: tuple[RunFold | None, int] = (None, -1)
         self._drawn: tuple[object, ...] = ()
         self._is_over = False
@@ -144,13 +180,16 @@ class Live:
             tasks.create_task(self._follow_journal())
             tasks.create_task(self._follow_status())
 
-    async def watch(self, owner: str = "", address: str = "") -> AsyncIterator[tuple[str, str]]:
+    async def watch(
+        self, owner: str = "", address: str = "", language: str = "en"
+    ) -> AsyncIterator[tuple[str, str]]:
         """Yield the present state, then each change: its kind and its JSON.
 
         Parameters
         ----------
         owner : name of the account that looks
         address : address of its browser
+        language : language of the person
 
         Raises
         ------
@@ -167,9 +206,9 @@ class Live:
             or near >= WATCHER_OF_ADDRESS_MAX_COUNT
         ):
             raise TooManyWatchersError
-        watcher = BrowserWatch(owner, address)
-        for kind, message in self._sent.items():
-            watcher.put(kind, message)
+        watcher = BrowserWatch(owner, address, language)
+        for kind, piece in self._sent.items():
+            watcher.put(kind, piece)
         self._watchers.add(watcher)
         loop = asyncio.get_running_loop()
         beat_s = loop.time() + BEAT_WALL_S
@@ -326,12 +365,12 @@ class Live:
         return () if first is None else first.waypoints
 
     def _put(self, kind: str, message: object) -> None:
-        text = json.dumps(message, ensure_ascii=False, separators=(",", ":"))
-        if self._sent.get(kind) == text:
+        text = _dumped(message)
+        if kind in self._sent and self._sent[kind].text == text:
             return
-        self._sent[kind] = text
+        self._sent[kind] = Piece.of(message, text)
         for watcher in self._watchers:
-            watcher.put(kind, text)
+            watcher.put(kind, self._sent[kind])
 
     def now(self) -> dict[str, Any]:
         """Return the state of the cell and its last run, as JSON."""
@@ -341,7 +380,10 @@ class Live:
         """Return the page's data on the cell itself, as JSON."""
         status, silent = self._status, self._why_no_status
         if self._asked_s is not None and time.monotonic() - self._asked_s > FRESH_WALL_S:
-            status, silent = None, f"no answer for {FRESH_WALL_S:.0f} s"
+            status, silent = (
+                None,
+                say("no answer for {fresh_wall_s:.0f} s", fresh_wall_s=FRESH_WALL_S),
+            )
         left, is_ending = unfinished(self._left), self._is_ending()
         state = self.fold.state if self.fold is not None else ""
         if status is not None:
@@ -372,6 +414,10 @@ class Live:
         if holder is None or (self.fold is not None and self.fold.run == holder.run):
             return None
         return {"run": holder.run, "user": holder.user, "pid": holder.pid, "since": holder.since}
+
+
+def _dumped(content: object) -> str:
+    return json.dumps(content, ensure_ascii=False, separators=(",", ":"))
 
 
 def _light(

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from pydantic import Field
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 
 from controller.config import ConfigError, Recipe
 
 from ..frame import (
+    Answer,
     GetRoute,
     NoBody,
     PostBody,
@@ -25,6 +26,7 @@ from ..frame import (
     Visit,
     refused,
     word,
+    worded,
 )
 from ..frame.drawn import packed, packed_json
 from ..security import Role
@@ -143,7 +145,7 @@ class RecipeAnswers:
     async def list(self, _: Visit) -> Response:
         """Return all recipes."""
         read = await asyncio.to_thread(lambda: [read_recipe(file) for file in self._folder.files()])
-        return JSONResponse({"recipes": [self._listed(one) for one in read]})
+        return Answer({"recipes": [self._listed(one) for one in read]})
 
     async def one(self, visit: Visit) -> Response:
         """Return one recipe, as a page."""
@@ -159,14 +161,18 @@ class RecipeAnswers:
             return _missing()
         read = await asyncio.to_thread(read_recipe, file)
         found = self._listed(read) | {"sha256": read.sha256, "recipe": _words_of(read.recipe)}
-        return JSONResponse(found)
+        return Answer(found)
 
     async def mesh(self, visit: Visit) -> Response:
         """Return the mesh of a recipe's part, or of the uploaded file."""
         work = await self._worked(visit, "part")
         if work is None:
             return _missing()
-        return packed(await asyncio.to_thread(lambda: packed_json(mesh_shown(work.folder))))
+        return packed(
+            await asyncio.to_thread(
+                lambda: packed_json(worded(mesh_shown(work.folder), visit.language))
+            )
+        )
 
     async def picture(self, visit: Visit) -> Response:
         """Return a picture that a child process has drawn."""
@@ -183,7 +189,7 @@ class RecipeAnswers:
     async def work(self, _: Visit) -> Response:
         """Return the work in progress."""
         running = self._workshop.running
-        return JSONResponse({"running": None if running is None else running.facts()})
+        return Answer({"running": None if running is None else running.facts()})
 
     async def start(self, visit: Visit, body: WorkBody) -> Response:
         """Start work on a recipe; return its description."""
@@ -207,7 +213,7 @@ class RecipeAnswers:
 
     async def cancel(self, _visit: Visit, _body: NoBody) -> Response:
         """End the work in progress; return False if there was none."""
-        return JSONResponse({"done": await self._workshop.cancel()})
+        return Answer({"done": await self._workshop.cancel()})
 
     async def draft(self, _visit: Visit, body: DraftBody) -> Response:
         """Return the diff that changes make."""
@@ -220,7 +226,7 @@ class RecipeAnswers:
             return refused(422, self._short(error))
         except NotAsShownError as error:
             return refused(409, str(error))
-        return JSONResponse({"diff": draft.diff, "seen": draft.sha256})
+        return Answer({"diff": draft.diff, "seen": draft.sha256})
 
     async def save(self, visit: Visit, body: SaveBody) -> Response:
         """Write a recipe exactly as displayed; return the result."""
@@ -273,7 +279,7 @@ class RecipeAnswers:
 
         async with self._writing:
             reply = await self._written(write)
-        return JSONResponse({"key": f"project/{made[0]}"}) if made else reply
+        return Answer({"key": f"project/{made[0]}"}) if made else reply
 
     def _read(self, visit: Visit) -> Response:
         staged = self._stage.file
@@ -294,14 +300,16 @@ class RecipeAnswers:
             work = self._workshop.start(kind, of, who, arguments, mark=mark, within=within)
         except BusyError:
             return _busy()
-        return JSONResponse({"running": work.facts()})
+        return Answer({"running": work.facts()})
 
     def _result(self, kind: str) -> Callable[[Visit], Any]:
         async def answer(visit: Visit) -> Response:
             work = await self._worked(visit, kind)
             if work is None:
                 return _missing()
-            return packed(await asyncio.to_thread(lambda: packed_json(_shown(work))))
+            return packed(
+                await asyncio.to_thread(lambda: packed_json(worded(_shown(work), visit.language)))
+            )
 
         return answer
 
@@ -325,7 +333,7 @@ class RecipeAnswers:
             return refused(409, str(error))
         except OSError as error:
             return refused(507, str(error.strerror or error))
-        return JSONResponse({"done": True})
+        return Answer({"done": True})
 
     def _short(self, error: ConfigError) -> str:
         """Return a message without the folder of the project."""

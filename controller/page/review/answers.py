@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any, Final, Literal
 
 from pydantic import Field
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 
 from controller.cell.control import MAX_WHY
 from controller.history import Filters, HistoryError, NoSuchPartError, list_parts
@@ -13,8 +13,8 @@ from controller.history.reviewing import PartDecision, agreement, decide
 
 from ..frame.drawn import mesh_of, packed, packed_json
 from ..frame.screens import GetRoute, PostBody, PostRoute, Setting
-from ..frame.visit import Visit, refused
-from ..frame.words import teller, word
+from ..frame.visit import Answer, Visit, refused, worded
+from ..frame.words import word
 from ..records import Records, page_asked, page_count, part_key, unread, verdict_class
 from ..security import Role
 from .places import places_of
@@ -133,13 +133,15 @@ class ReviewAnswers:
             return refused(404, word("there is no such part"))
         found = await self._records.shown(part)
         if isinstance(found, str):
-            return refused(404, teller(visit.language)(found))
+            return refused(404, found)
         if found.coverage is None:
             return refused(404, word("the part was not judged"))
         mesh = await asyncio.to_thread(
             lambda: mesh_of(found.recipe, found.files, self._runs_dir / str(part["run"]))
         )
-        return packed(packed_json({"mesh": mesh, "coverage": found.coverage}))
+        return packed(
+            packed_json(worded({"mesh": mesh, "coverage": found.coverage}, visit.language))
+        )
 
     async def crop(self, visit: Visit) -> Response:
         """Return a crop of a finding."""
@@ -150,7 +152,7 @@ class ReviewAnswers:
             return refused(404, word("there is no such part"))
         found = await self._records.crop(part, at["finding"], at["which"])
         if isinstance(found, str):
-            return refused(404, teller(visit.language)(found))
+            return refused(404, found)
         headers = {"Cache-Control": "private, max-age=3600"}
         return Response(found, media_type="image/jpeg", headers=headers)
 
@@ -177,8 +179,8 @@ class ReviewAnswers:
         except NoSuchPartError:
             return refused(404, word("there is no such part"))
         except HistoryError as error:
-            return refused(409, teller(visit.language)(str(error)))
-        return JSONResponse({"review": part["review"], "part": part["part"]})
+            return refused(409, str(error))
+        return Answer({"review": part["review"], "part": part["part"]})
 
 
 def unproven(part: Mapping[str, Any]) -> list[Mapping[str, Any]]:

@@ -8,6 +8,7 @@ import trimesh
 from controller.arrays import BoolArray, FloatArray
 from controller.cad import SurfaceSamples, sample_surface
 from controller.imaging import RayCaster, inverse_pose, transform
+from messages import joined, key, say
 
 from ..geometry import segments_hit
 from ..model import CellLayout, HeldHypothesis
@@ -41,32 +42,50 @@ def why_alike(
     apart = [distance_mm(x, s, y) for x, s, y in ((a, samples[0], b), (b, samples[1], a))]
     most = max(float(d.max()) for d in apart)
     if most <= SAME_MM:
-        return (
-            f"{a.name} and {b.name} are the same shape in the same pose, to {most:.2f} mm: "
-            "no picture distinguishes them, and nothing depends on it"
+        return say(
+            "{name} and {name2} are the same shape in the same pose, to "
+            "{most:.2f} mm: no picture distinguishes them, and nothing depends "
+            "on it",
+            name=a.name,
+            name2=b.name,
+            most=most,
         )
     differs = [d > max(SAME_MM, 0.5 * most) for d in apart]
     names = [
-        f"{c.solid.faces[int(f)].label} of {c.name}"
+        say("{label} of {name}", label=c.solid.faces[int(f)].label, name=c.name)
         for c, s, d in zip((a, b), samples, differs, strict=True)
         for f in np.unique(s.face_ids[d])
     ]
-    where = ", ".join(names[:NAMED_COUNT]) + (" and others" if len(names) > NAMED_COUNT else "")
+    where = joined(", ", names[:NAMED_COUNT]) + (
+        key(" and others") if len(names) > NAMED_COUNT else ""
+    )
     if len(q) == 0:
-        return f"no view can be reached; they differ at {where}, by up to {most:.1f} mm"
+        return say(
+            "no view can be reached; they differ at {where}, by up to {most:.1f} mm",
+            where=where,
+            most=most,
+        )
     seen = any(
         _shown(c, s, d, layout, row, opening_mm)
         for c, s, d in zip((a, b), samples, differs, strict=True)
         for row in q
     )
     if not seen:
-        return (
-            f"they differ only at {where}, by up to {most:.1f} mm, which the part or the gripper "
-            f"hides in all {len(q)} views that can be reached; another grasp may show it"
+        return say(
+            "they differ only at {where}, by up to {most:.1f} mm, which the "
+            "part or the gripper hides in all {q_count} views that can be "
+            "reached; another grasp may show it",
+            where=where,
+            most=most,
+            q_count=len(q),
         )
-    return (
-        f"they differ at {where}, by up to {most:.1f} mm, which is in sight but makes "
-        f"{margin:.0%} of the pixels it takes at most, as the part may sit in the gripper"
+    return say(
+        "they differ at {where}, by up to {most:.1f} mm, which is in sight "
+        "but makes {margin:.0%} of the pixels it takes at most, as the "
+        "part may sit in the gripper",
+        where=where,
+        most=most,
+        margin=margin,
     )
 
 

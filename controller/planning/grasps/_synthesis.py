@@ -15,6 +15,7 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid
 from controller.imaging import RayCaster
+from messages import joined, key, say
 
 from ..model import TABLE_MARGIN_MM, Grasp, GraspRules, Holder, Jaw, NotGraspableError
 from ._select import cover
@@ -95,40 +96,59 @@ def _refusal(problem: GraspProblem, jaw: Jaw, holder: Holder, stages: Sequence[F
     """Return a message that names the stage with no grasp left, and the figure that fails."""
     solid, rules = problem.solid, problem.rules.for_pads_of(jaw)
     last = next(s for s in stages if s.left == 0)
-    name = f"{solid.name}: the {holder} cannot hold it"
+    name = say("{name}: the {holder} cannot hold it", name=solid.name, holder=holder)
     need, width = needed_friction(solid, problem.seeds, problem.caster)
     have = float(np.degrees(np.arctan(rules.friction)))
     if last.name == "grasps round seeds":
         widest = jaw.max_mm - rules.jaw_reserve_mm
         if need > have:
-            return (
-                f"{name}: widest opposed friction angle needed {need:.1f} deg, have {have:.1f}; "
-                "fit pads with more friction, or fingers shaped for it"
+            return say(
+                "{name}: widest opposed friction angle needed {need:.1f} deg, have "
+                "{have:.1f}; fit pads with more friction, or fingers shaped for it",
+                name=name,
+                need=need,
+                have=have,
             )
-        return (
-            f"{name}: no two opposed walls at most {widest:.0f} mm apart, the nearest are "
-            f"{width:.1f} mm apart; fit a wider jaw or other fingers"
+        return say(
+            "{name}: no two opposed walls at most {widest:.0f} mm apart, the "
+            "nearest are {width:.1f} mm apart; fit a wider jaw or other fingers",
+            name=name,
+            widest=widest,
+            width=width,
         )
-    tallies = "; ".join(s.phrase for s in stages[: stages.index(last) + 1])
-    summary = f"grasps left by each requirement: {tallies}"
+    tallies = joined("; ", (s.phrase for s in stages[: stages.index(last) + 1]))
+    summary = say("grasps left by each requirement: {tallies}", tallies=tallies)
     if last.name == "little enough weight" or (
-        last.name.endswith("strong enough") and need <= have
+        last.name.endswith(key("strong enough")) and need <= have
     ):
         mass_kg = solid.volume_mm3 * rules.density_kg_mm3
         # but for leaning walls, what the weight uses goes with 1 / force
         force_n = ceil(jaw.force_n * last.best / last.limit)
-        return (
-            f"{name}, grasp strength: {mass_kg:.2f} kg between pads of {jaw.force_n:.0f} N and "
-            f"friction {rules.friction:g} use {last.best:.2f} of the friction limit at best, "
-            f"{last.limit:g} is allowed; press with {force_n} N or more, or fit pads with more "
-            f"friction; {summary}"
+        return say(
+            "{name}, grasp strength: {mass_kg:.2f} kg between pads of "
+            "{force_n:.0f} N and friction {friction:g} use {best:.2f} of the "
+            "friction limit at best, {limit:g} is allowed; press with "
+            "{force_n2} N or more, or fit pads with more friction; {summary}",
+            name=name,
+            mass_kg=mass_kg,
+            force_n=jaw.force_n,
+            friction=rules.friction,
+            best=last.best,
+            limit=last.limit,
+            force_n2=force_n,
+            summary=summary,
         )
     if need > have:
-        return (
-            f"{name}: its walls lean, opposed friction angle needed {need:.1f} deg, have "
-            f"{have:.1f}; fit pads with more friction, or fingers shaped for it; {summary}"
+        return say(
+            "{name}: its walls lean, opposed friction angle needed {need:.1f} "
+            "deg, have {have:.1f}; fit pads with more friction, or fingers "
+            "shaped for it; {summary}",
+            name=name,
+            need=need,
+            have=have,
+            summary=summary,
         )
-    return f"{name}; {summary}; fit other fingers or pads"
+    return say("{name}; {summary}; fit other fingers or pads", name=name, summary=summary)
 
 
 def judge_grasps(
@@ -153,7 +173,7 @@ def judge_grasps(
     # only the arm takes parts from the table
     tables = downs if holder == "arm" else downs[:0]
     tried = candidates(solid, seeds, jaw, downs, rules)
-    judge.tally.count("grasps round seeds", len(tried.T))
+    judge.tally.count(key("grasps round seeds"), len(tried.T))
     lever = axis_distance(tried.T, solid.centroid_mm, jaw)
     bound = least_load(
         lever if gravities is None else 0.0 * lever,  # a still jaw may have the lever hang plumb
@@ -164,7 +184,11 @@ def judge_grasps(
     )
     tried = tried.take(
         judge.tally.require(
-            "little enough weight", bound, rules.max_load, " of the friction limit", most=True
+            key("little enough weight"),
+            bound,
+            rules.max_load,
+            key(" of the friction limit"),
+            most=True,
         )
     )
     able, score, area = _sorted_out(
@@ -172,7 +196,7 @@ def judge_grasps(
     )
     picks = _picks(judge, able, tables)
     firm = judge.tally.require(
-        "enough contact off the table", area, SORTING_SHARE * rules.min_contact_mm2, " mm2"
+        key("enough contact off the table"), area, SORTING_SHARE * rules.min_contact_mm2, " mm2"
     )
     rows = _cover_of(
         np.flatnonzero(firm), able, score, picks, rules.fine_count, 2 * rules.pick_count
@@ -289,12 +313,12 @@ def _sorted_out(
         batch = tried.take(rows)
         judge.tally.count("tried", len(rows))
         batch = batch.take(approach_seems_free(batch, seeds, jaw, rules))
-        judge.tally.count("approach seems free", len(batch.T))
+        judge.tally.count(key("approach seems free"), len(batch.T))
         found = judge.close(batch.T, batch.gap, batch.inner, judge.coarse)
         good = judge.sort_out(found, batch.inner, judge.coarse, contact_mm2)
         shut = closed(batch, found, good)
         clear = clear_of_part(part, shut.T, shut.gap, shut.inner, jaw, rules)
-        judge.tally.count("clear of the part", int(clear.sum()))
+        judge.tally.count(key("clear of the part"), int(clear.sum()))
         kept.append(shut.take(clear))
         values.append(np.stack([score_of(found)[good][clear], found.area[good][clear]]))
         count += int((values[-1][1] >= SORTING_SHARE * rules.min_contact_mm2).sum())
@@ -342,7 +366,7 @@ def _measured(
     and less contact is enough: `table_mm2`, None for the contact of two lines.
     """
     rules, table = judge.rules, down is not None
-    prefix = "on the table: " if table else "measured finely: "
+    prefix = key("on the table: ") if table else key("measured finely: ")
     line_mm2 = rules.min_line_contact_mm2 if table_mm2 is None else table_mm2
     contact_mm2 = line_mm2 if table else rules.min_contact_mm2
     tried = able.take(numbers)
@@ -351,7 +375,9 @@ def _measured(
     found, inner = found.take(rows), tried.inner[rows]
     margin = margins(judge, found, inner, down, line_mm2)
     sure = np.flatnonzero(
-        judge.tally.require(f"{prefix}sure", margin, rules.min_margin, " of wrong poses")
+        judge.tally.require(
+            say("{prefix}sure", prefix=prefix), margin, rules.min_margin, key(" of wrong poses")
+        )
     )
     found, inner = found.take(sure), inner[sure]
     load = judge.load(found, inner, judge.fine)

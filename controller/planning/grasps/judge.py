@@ -10,6 +10,7 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid
 from controller.imaging import RayCaster
+from messages import key, say
 
 from ..model import GraspRules, Jaw
 from .contact import GRAVITY_N_PER_KG, Contacts, PadGrid, close_pads, loads
@@ -36,9 +37,20 @@ class FilterStage:
     def phrase(self) -> str:
         """The stage as messages name it."""
         if not np.isfinite(self.limit):
-            return f"{self.name} {self.left}"
-        best = f"best {self.best:.3g}" if np.isfinite(self.best) else "none came so far"
-        return f"{self.name} {self.left} ({best}, {self.limit:.3g}{self.unit} required)"
+            return say("{name} {left}", name=self.name, left=self.left)
+        best = (
+            say("best {best:.3g}", best=self.best)
+            if np.isfinite(self.best)
+            else key("none came so far")
+        )
+        return say(
+            "{name} {left} ({best}, {limit:.3g}{unit} required)",
+            name=self.name,
+            left=self.left,
+            best=best,
+            limit=self.limit,
+            unit=self.unit,
+        )
 
 
 class StageTally:
@@ -187,20 +199,26 @@ class Judge:
         """
         rules, tally = self.rules, self.tally
         rows = np.flatnonzero(self.in_width(found, inner))
-        tally.count(f"{prefix}touched by both pads", len(rows))
-        good = tally.require(f"{prefix}enough contact", found.area[rows], contact_mm2, " mm2")
+        tally.count(say("{prefix}touched by both pads", prefix=prefix), len(rows))
+        good = tally.require(
+            say("{prefix}enough contact", prefix=prefix), found.area[rows], contact_mm2, " mm2"
+        )
         rows = rows[good]
         good = tally.require(
-            f"{prefix}contacts opposite",
+            say("{prefix}contacts opposite", prefix=prefix),
             found.offset[rows],
             rules.max_offset_mm,
-            " mm apart",
+            key(" mm apart"),
             most=True,
         )
         rows = rows[good]
         load = self.load(found.take(rows), inner[rows], grid)
         good = tally.require(
-            f"{prefix}strong enough", load, rules.max_load, " of the friction limit", most=True
+            say("{prefix}strong enough", prefix=prefix),
+            load,
+            rules.max_load,
+            key(" of the friction limit"),
+            most=True,
         )
         return np.asarray(rows[good])
 

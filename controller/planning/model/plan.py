@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from controller.arrays import BoolArray, FloatArray
+from messages import key
 
 from .grasp import Grasp
 from .hypotheses import HeldHypothesis, Light
@@ -190,12 +191,12 @@ class Park(Step):
 class Reason(StrEnum):
     """Reason for a piece of surface not shown; the first that applies (planning-facts.md 1.3)."""
 
-    HIDDEN_BY_PART = "hidden by the part"
+    HIDDEN_BY_PART = key("hidden by the part")
     FINGERS = "fingers"
     REACH = "reach"
-    NO_REGRASP_PATH = "no regrasp path"
-    GRASP_STRENGTH = "grasp strength"
-    LEFT_OUT = "left out"  # it could be shown; options or a failed motion left it out
+    NO_REGRASP_PATH = key("no regrasp path")
+    GRASP_STRENGTH = key("grasp strength")
+    LEFT_OUT = key("left out")  # it could be shown; options or a failed motion left it out
 
 
 @dataclass(frozen=True, slots=True)

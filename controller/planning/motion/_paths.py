@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
+from messages import say
 
 from ..model import NoMotionError
 from ._kinematics import tcp_pose
@@ -71,8 +72,13 @@ def connect(
     found = rrt_connect(q_from, q_to, scene, seed) if search else None
     if found is None:
         raise NoMotionError(
-            f"{what}: no path free of contact found from {arm.describe(q_from)} to "
-            f"{arm.describe(q_to)}; clear the space between or move the part"
+            say(
+                "{what}: no path free of contact found from {describe} to "
+                "{describe2}; clear the space between or move the part",
+                what=what,
+                describe=arm.describe(q_from),
+                describe2=arm.describe(q_to),
+            )
         )
     return tuple(found[1:])
 

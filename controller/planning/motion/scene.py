@@ -15,14 +15,15 @@ from typing import Any
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IntArray
+from messages import key
 
 from ..geometry import Box, PartShape, PlacedShape, Triangles, overlap_turned, stack
 from ..model import CellLayout, Jaw
 from ._kinematics import link_boxes, link_frames, placed_boxes, tcp_pose
 
-STANDING = "the part standing there"
-NEIGHBOUR = "another object on the table"
-STORED = "a part in a tray"
+STANDING = key("the part standing there")
+NEIGHBOUR = key("another object on the table")
+STORED = key("a part in a tray")
 _NONE = np.iinfo(np.int64).max
 _COLUMN_COUNT = 1  # the column comes last, with an index in `names` of its own
 SELF_MARGIN_MM = 3.0  # margin between links, whose relative place is better known than the world's
@@ -86,7 +87,7 @@ class Scene:
         off_mm, off_rad = self.layout.fixed_held
         return [
             *(("fixture", b.wider_in_xz(off_mm, off_rad).placed(T)) for b in fixed_gripper.body),
-            *(("fixture fingers", b.wider_in_xz(off_mm, off_rad).placed(T)) for b in fingers),
+            *((key("fixture fingers"), b.wider_in_xz(off_mm, off_rad).placed(T)) for b in fingers),
         ]
 
     def reach_mm(self) -> tuple[float, float]:
@@ -105,7 +106,7 @@ class Scene:
 
     def names(self) -> tuple[str, ...]:
         """Return the names of the indices of `contacts`."""
-        return ("table", *(name for name, _ in self.statics()), "the arm itself", "column")
+        return ("table", *(name for name, _ in self.statics()), key("the arm itself"), "column")
 
     def free(
         self,

@@ -10,6 +10,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
 from controller.imaging import RayCaster, inverse_pose
+from messages import key
 
 from ..model import (
     CellLayout,
@@ -82,7 +83,7 @@ def from_table(
         builder.pick(build, picks[g], start.T_world_part)
 
     return Beginning(
-        where="on the table",
+        where=key("on the table"),
         q=q,
         first_s=first_seconds(part, layout, q, picks),
         take=pick,
@@ -102,7 +103,7 @@ def from_arm(part: PreparedPart, layout: CellLayout, start: InArm) -> Beginning:
     """
     first_s = np.full(len(part.arm_grasps), np.inf)
     first_s[-1] = float(segment_seconds(layout, start.q, part.home_q[-1]))
-    return Beginning("in the arm gripper", start.q, first_s, _keep)
+    return Beginning(key("in the arm gripper"), start.q, first_s, _keep)
 
 
 def from_fixed_gripper(part: PreparedPart, layout: CellLayout, start: InFixedGripper) -> Beginning:
@@ -117,7 +118,7 @@ def from_fixed_gripper(part: PreparedPart, layout: CellLayout, start: InFixedGri
     site = RegraspSite(-1, -1, hand_offs(layout, part.shape, start.grasp, part.arm_grasps))
     T_world_part = layout.T_world_fixed_tcp @ inverse_pose(start.grasp.T_part_tcp)
     return Beginning(
-        where="in the fixed gripper",
+        where=key("in the fixed gripper"),
         q=start.q,
         first_s=take_seconds(part, layout, start.q, site),
         take=partial(_receive, site=site, held=start.grasp, T_world_part=T_world_part),
@@ -165,7 +166,7 @@ def _overhead_look(
     towards = eye[:3] - part.solid.centroid_mm
     return Look(
         seconds=0.0,
-        label="view it on the table",
+        label=key("view it on the table"),
         view_id="T0",
         T_world_part=T_world_part,
         direction_part=towards / np.linalg.norm(towards),

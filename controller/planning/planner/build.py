@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
+from messages import key, say
 
 from ..geometry import PlacedShape
 from ..model import (
@@ -94,7 +95,13 @@ class Builder:
         self._tray_paths: dict[tuple[int, str], list[PlacePath]] = {}
 
     def _connect(self, build: Build, q: FloatArray, scene: Scene, what: str) -> JointPath:
-        return connect(build.q, q, scene, f"{self._part.solid.name}: {what}", self._seed)
+        return connect(
+            build.q,
+            q,
+            scene,
+            say("{name}: {what}", name=self._part.solid.name, what=what),
+            self._seed,
+        )
 
     def _seconds(self, start: FloatArray, *motions: Sequence[FloatArray]) -> float:
         return move_seconds(self._layout, [start, *(q for m in motions for q in m)])
@@ -128,7 +135,7 @@ class Builder:
         failure: NoPlanError | None = None
         for path in paths:
             try:
-                motion_in = self._connect(build, path.down[0], scene, "path to the pick")
+                motion_in = self._connect(build, path.down[0], scene, key("path to the pick"))
             except NoMotionError as error:
                 failure = failure or error
                 continue
@@ -136,7 +143,11 @@ class Builder:
             build.steps.append(
                 Pick(
                     seconds=self._seconds(build.q, motion_in, down, up) + layout.cell_times.pick_s,
-                    label=f"pick with grasp {grasp.id}, {grasp.opening_mm:.1f} mm",
+                    label=say(
+                        "pick with grasp {id}, {opening_mm:.1f} mm",
+                        id=grasp.id,
+                        opening_mm=grasp.opening_mm,
+                    ),
                     grasp=grasp,
                     motion_in=motion_in,
                     pre_open_mm=grasp.pre_open_mm,
@@ -175,14 +186,18 @@ class Builder:
         # sides of a part that narrower ones run into
         scene = Scene(layout, opening, held.opening_mm, standing_meshes=(standing,))
         path = tuple(fewest_waypoints(layout, take.retreat[::-1]))
-        motion_in = self._connect(build, path[0], scene, "path round the fixed gripper")
+        motion_in = self._connect(build, path[0], scene, key("path round the fixed gripper"))
         motion_out = tuple(fewest_waypoints(layout, take.entry[::-1])[1:])
         build.steps.append(
             ReceiveStep(
                 seconds=self._seconds(build.q, motion_in, path[1:])
                 + self._seconds(path[-1], motion_out)
                 + layout.cell_times.receive_s,
-                label=f"receive back with grasp {grasp.id}, {grasp.opening_mm:.1f} mm",
+                label=say(
+                    "receive back with grasp {id}, {opening_mm:.1f} mm",
+                    id=grasp.id,
+                    opening_mm=grasp.opening_mm,
+                ),
                 grasp=grasp,
                 fixed_grasp=held,
                 motion_in=motion_in,
@@ -214,14 +229,14 @@ class Builder:
         grasp = part.arm_grasps[g]
         scene = Scene(layout, grasp.opening_mm, held.pre_open_mm, carried_mesh=part.carried(grasp))
         motion = (
-            *self._connect(build, leave.entry[0], scene, "path to the fixed gripper"),
+            *self._connect(build, leave.entry[0], scene, key("path to the fixed gripper")),
             *fewest_waypoints(layout, leave.entry)[1:],
         )
         retreat = tuple(fewest_waypoints(layout, leave.retreat)[1:])
         build.steps.append(
             GiveStep(
                 seconds=self._seconds(build.q, motion, retreat) + layout.cell_times.give_step_s,
-                label=f"hand off to the fixed gripper, grasp {held.id}",
+                label=say("hand off to the fixed gripper, grasp {id}", id=held.id),
                 grasp=grasp,
                 fixed_grasp=held,
                 fixed_pre_open_mm=held.pre_open_mm,
@@ -253,7 +268,9 @@ class Builder:
         """
         part, layout = self._part, self._layout
         grasp = part.arm_grasps[g]
-        motion = self._connect(build, leave.entry[0], self._carrying(grasp), "path to the table")
+        motion = self._connect(
+            build, leave.entry[0], self._carrying(grasp), key("path to the table")
+        )
         down = tuple(fewest_waypoints(layout, leave.entry)[1:])
         up = tuple(fewest_waypoints(layout, leave.retreat)[1:])
         cell_times = layout.cell_times
@@ -262,7 +279,7 @@ class Builder:
                 seconds=self._seconds(build.q, motion, down, up)
                 + cell_times.put_s
                 + cell_times.relook_s,
-                label=f"set down in pose {pose_index}",
+                label=say("set down in pose {pose_index}", pose_index=pose_index),
                 grasp=grasp,
                 motion=motion,
                 motion_down=down,
@@ -304,7 +321,7 @@ class Builder:
             v, k = order.pop(0)
             q = todo[v][k]
             try:
-                motion = self._connect(build, q, scene, f"path to view {v}")
+                motion = self._connect(build, q, scene, say("path to view {v}", v=v))
             except NoMotionError as error:
                 tries += 1
                 todo[v], order = np.delete(todo[v], k, axis=0), []
@@ -325,9 +342,9 @@ class Builder:
         seen = part.shown[g][v]
         build.seen |= seen
         face_id = int(part.directions.square_to[v])
-        label = f"show with grasp {grasp.id}"
+        label = say("show with grasp {id}", id=grasp.id)
         if face_id >= 0:
-            label += f", square to {part.solid.faces[face_id].label}"
+            label += say(", square to {label}", label=part.solid.faces[face_id].label)
         times = layout.cell_times
         wait_s = times.judge_s if waits else 0.0
         look_s = times.look_s(lit_count(is_square=face_id >= 0))
@@ -371,17 +388,33 @@ class Builder:
         if tray.nest is not None:
             x, y = tray.nest.size_mm
             return OutOfReachError(
-                f"{self._part.solid.name}: grasp {self._part.arm_grasps[g].id} cannot set it down "
-                f"flat in nest {tray.next_nest + 1} of tray {name}, which has room for {x:.0f} x "
-                f"{y:.0f} mm, clear of what stands in the tray; make its nests larger or fewer",
+                say(
+                    "{name}: grasp {id} cannot set it down flat in nest {next_nest} of "
+                    "tray {name2}, which has room for {x:.0f} x {y:.0f} mm, clear of "
+                    "what stands in the tray; make its nests larger or fewer",
+                    name=self._part.solid.name,
+                    id=self._part.arm_grasps[g].id,
+                    next_nest=tray.next_nest + 1,
+                    name2=name,
+                    x=x,
+                    y=y,
+                ),
                 reach_mm=away,
                 limit_mm=limit,
                 where=f"tray {name}",
             )
         return OutOfReachError(
-            f"{self._part.solid.name}: grasp {self._part.arm_grasps[g].id} cannot release it "
-            f"anywhere over tray {name}, {away:.0f} mm from the arm's axis (the wrist "
-            f"reaches {limit:.0f} mm, the gripper {arm.tool_mm:.0f} mm more); move the tray",
+            say(
+                "{name}: grasp {id} cannot release it anywhere over tray {name2}, "
+                "{away:.0f} mm from the arm's axis (the wrist reaches {limit:.0f} "
+                "mm, the gripper {tool_mm:.0f} mm more); move the tray",
+                name=self._part.solid.name,
+                id=self._part.arm_grasps[g].id,
+                name2=name,
+                away=away,
+                limit=limit,
+                tool_mm=arm.tool_mm,
+            ),
             reach_mm=away,
             limit_mm=limit,
             where=f"tray {name}",
@@ -422,18 +455,25 @@ class Builder:
             start,
             path.down[0],
             self._carrying(grasp),
-            f"{name}: path to tray {tray}",
+            say("{name}: path to tray {tray}", name=name, tray=tray),
             self._seed,
             search,
         )
         empty = Scene(layout, grasp.pre_open_mm, layout.fixed_open_mm)
-        home = connect(path.up[-1], layout.park_q, empty, f"{name}: path home", self._seed, search)
+        home = connect(
+            path.up[-1],
+            layout.park_q,
+            empty,
+            say("{name}: path home", name=name),
+            self._seed,
+            search,
+        )
         down, up = tuple(path.down[1:]), tuple(path.up[1:])
         times = layout.cell_times
         place = Place(
             seconds=self._seconds(start, motion, down, up) + times.put_s + times.verdict_s,
             wait_s=times.verdict_s,
-            label=f"place in tray {tray}",
+            label=say("place in tray {tray}", tray=tray),
             tray=tray,
             grasp=grasp,
             motion=motion,
@@ -465,8 +505,15 @@ def check_trays_in_reach(name: str, layout: CellLayout) -> None:
         away = tray_distance_mm(layout, tray)
         if away > limit + max(tray.size_mm) / 2:
             raise OutOfReachError(
-                f"{name}: tray {tray_name} is {away:.0f} mm from the arm's axis, the outstretched "
-                f"arm with its gripper reaches {limit:.0f} mm; move the tray nearer",
+                say(
+                    "{name}: tray {tray_name} is {away:.0f} mm from the arm's axis, "
+                    "the outstretched arm with its gripper reaches {limit:.0f} mm; "
+                    "move the tray nearer",
+                    name=name,
+                    tray_name=tray_name,
+                    away=away,
+                    limit=limit,
+                ),
                 reach_mm=away,
                 limit_mm=arm.reach_mm,
                 where=f"tray {tray_name}",

@@ -17,6 +17,7 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad import Solid
 from controller.imaging import RayCaster, inverse_pose
+from messages import say
 
 from ..disambiguation import (
     DisambiguationRules,
@@ -123,12 +124,19 @@ def plan_under_ambiguity(
     names = ", ".join(sorted({o.name for o in others}))
     if alike is not None and alike.indistinguishable:
         raise NoPlanError(
-            f"{part.solid.name} may be {names} as well, and no view distinguishes them: "
-            f"{alike.indistinguishable[0].reason}"
+            say(
+                "{name} may be {names} as well, and no view distinguishes them: {reason}",
+                name=part.solid.name,
+                names=names,
+                reason=alike.indistinguishable[0].reason,
+            )
         )
     raise failure or NoPlanError(
-        f"{part.solid.name} may be {names} as well, and no grasp from above holds both; "
-        "turn it over"
+        say(
+            "{name} may be {names} as well, and no grasp from above holds both; turn it over",
+            name=part.solid.name,
+            names=names,
+        )
     )
 
 
@@ -277,7 +285,7 @@ def _up_to_deciding_view(
         raise error.reason from error
     scene = Scene(layout, grasp.opening_mm, layout.fixed_open_mm, carried_mesh=part.carried(grasp))
     target = q[first.view]
-    what = f"{part.solid.name}: path to the disambiguation view"
+    what = say("{name}: path to the disambiguation view", name=part.solid.name)
     motion = connect(build.q, target, scene, what, rng_seed)
     T_world_part = shown_pose(layout, target, grasp.T_part_tcp)
     eye = inverse_pose(T_world_part) @ np.append(layout.inspection.position_mm, 1.0)
@@ -289,7 +297,12 @@ def _up_to_deciding_view(
         + times.look_s(lit_count(is_square=False))
         + times.judge_s,
         wait_s=times.judge_s,
-        label=f"show with grasp {grasp.id}: {part.solid.name} or {names}?",
+        label=say(
+            "show with grasp {id}: {name} or {names}?",
+            id=grasp.id,
+            name=part.solid.name,
+            names=names,
+        ),
         view_id=f"{grasp.id}-D{first.view}",
         grasp=grasp,
         motion=motion,

@@ -14,6 +14,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, StablePose, SurfaceSamples, share_of, uncertainty_of
+from messages import say, say_counted
 
 from ..model import (
     CellLayout,
@@ -254,7 +255,11 @@ def _plan(task: _Task, seed: int) -> Plan:
             if not _is_of_second_choice(error, solution, costs):
                 solution = solve(problem, effort=effort, incumbent=solution)
     raise failure or NoMotionError(
-        f"{task.part.solid.name} {task.beginning.where}: no grasp within reach leads to a tray"
+        say(
+            "{name} {where}: no grasp within reach leads to a tray",
+            name=task.part.solid.name,
+            where=task.beginning.where,
+        )
     )
 
 
@@ -402,13 +407,32 @@ def _scope(task: _Task, costs: EdgeCosts, second_count: int) -> str:
     fixed = sum(s.fixed_grasp_index >= 0 for s in costs.sites)
     set_down_count = len(costs.sites) - fixed
     gain = part.options.least_gain
-    left_out = f"; views that add less than {gain:.2%} of the surface are left out" if gain else ""
-    views = "view" if second_count == 1 else "views"
-    more = f"; {second_count} {views} more for spots between the samples" if second_count else ""
-    return (
-        f"regrasp time, regrasp risk and {view_seconds(task.layout):.1f} s per view over "
-        f"{len(part.arm_grasps)} arm grasps, {fixed} fixed-gripper grasps, {set_down_count} poses "
-        f"on the table, {len(part.directions.vectors)} directions{left_out}{more}"
+    left_out = (
+        say("; views that add less than {gain:.2%} of the surface are left out", gain=gain)
+        if gain
+        else ""
+    )
+    more = (
+        say_counted(
+            "; {count} view more for spots between the samples",
+            "; {count} views more for spots between the samples",
+            count=second_count,
+        )
+        if second_count
+        else ""
+    )
+    return say(
+        "regrasp time, regrasp risk and {view_seconds:.1f} s per view over "
+        "{arm_grasps_count} arm grasps, {fixed} fixed-gripper grasps, "
+        "{set_down_count} poses on the table, {vectors_count} "
+        "directions{left_out}{more}",
+        view_seconds=view_seconds(task.layout),
+        arm_grasps_count=len(part.arm_grasps),
+        fixed=fixed,
+        set_down_count=set_down_count,
+        vectors_count=len(part.directions.vectors),
+        left_out=left_out,
+        more=more,
     )
 
 

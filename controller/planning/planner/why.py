@@ -14,6 +14,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
 from controller.imaging import RayCaster
+from messages import joined, key, say
 
 from ..grasps import GraspProblem, clear_of_table, find_seeds, judge_grasps, resting_pose, spread
 from ..model import CellLayout, Grasp, Jaw, OutOfReachError, PreparedPart, Reason, Unseen
@@ -146,12 +147,18 @@ def nothing_shown(part: PreparedPart, layout: CellLayout, seen: BoolArray) -> Ou
     x, y, z = layout.station_mm
     away = float(np.hypot(*(layout.station_mm - layout.T_world_arm[:3, 3])[:2]))
     limit = arm.reach_mm
-    where = f"the station at ({x:.0f}, {y:.0f}, {z:.0f})"
+    where = say("the station at ({x:.0f}, {y:.0f}, {z:.0f})", x=x, y=y, z=z)
     if away > limit + arm.tool_mm:
         return OutOfReachError(
-            f"{part.solid.name}: {where} is {away:.0f} mm from the arm's axis, the "
-            f"outstretched arm with its gripper reaches {limit + arm.tool_mm:.0f} mm; move the "
-            "station nearer",
+            say(
+                "{name}: {where} is {away:.0f} mm from the arm's axis, the "
+                "outstretched arm with its gripper reaches {limit:.0f} mm; move "
+                "the station nearer",
+                name=part.solid.name,
+                where=where,
+                away=away,
+                limit=limit + arm.tool_mm,
+            ),
             reach_mm=away,
             limit_mm=limit,
             where="station",
@@ -159,9 +166,18 @@ def nothing_shown(part: PreparedPart, layout: CellLayout, seen: BoolArray) -> Ou
     none = np.zeros_like(seen)
     every = range(len(part.arm_grasps))
     why = unseen_pieces(part, layout, seen, every, apart=none, dropped=none)
-    reason = f"{why[0].reason}; {why[0].advice}" if why else "no view shows anything"
+    reason = (
+        say("{reason}; {advice}", reason=why[0].reason, advice=why[0].advice)
+        if why
+        else key("no view shows anything")
+    )
     return OutOfReachError(
-        f"{part.solid.name}: nothing of it can be shown at {where}: {reason}",
+        say(
+            "{name}: nothing of it can be shown at {where}: {reason}",
+            name=part.solid.name,
+            where=where,
+            reason=reason,
+        ),
         reach_mm=away,
         limit_mm=limit,
         where="station",
@@ -207,8 +223,8 @@ def _left_out(part: PreparedPart, rest: BoolArray, dropped: BoolArray) -> Missin
     return Missing(
         Reason.LEFT_OUT,
         rest,
-        "no path free of contact was found to the views or grasps that would show it",
-        "start with the part elsewhere on the table",
+        key("no path free of contact was found to the views or grasps that would show it"),
+        key("start with the part elsewhere on the table"),
     )
 
 
@@ -219,14 +235,17 @@ def _not_worth(part: PreparedPart, mask: BoolArray) -> Missing:
         return Missing(
             Reason.LEFT_OUT,
             mask,
-            f"left out: a further view would add less than {least:.2%} of the surface",
-            "lower least_gain in the recipe",
+            say(
+                "left out: a further view would add less than {least:.2%} of the surface",
+                least=least,
+            ),
+            key("lower least_gain in the recipe"),
         )
     return Missing(
         Reason.LEFT_OUT,
         mask,
-        "left out: it lies between the points that the views were chosen by",
-        "a further view would show it",
+        key("left out: it lies between the points that the views were chosen by"),
+        key("a further view would show it"),
     )
 
 
@@ -259,9 +278,14 @@ def _load_of_a_grasp_that_shows(
 def _too_weak(part: PreparedPart, load: float) -> tuple[str, str]:
     rules = part.options.rules
     return (
-        f"grasp strength: the grasps that leave it in sight hold too weakly, the best uses "
-        f"{load:.2f} of the friction limit, {rules.max_load:g} is allowed",
-        "press harder, or fit pads with more friction",
+        say(
+            "grasp strength: the grasps that leave it in sight hold too "
+            "weakly, the best uses {load:.2f} of the friction limit, "
+            "{max_load:g} is allowed",
+            load=load,
+            max_load=rules.max_load,
+        ),
+        key("press harder, or fit pads with more friction"),
     )
 
 
@@ -271,17 +295,21 @@ def _fingers(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[
     left = (part.visible[None] & ~hides)[:, :, piece].any(axis=1).mean(axis=1)
     order = np.argsort(-left, kind="stable")[:ASKED_GRASP_COUNT]
     best = part.arm_grasps[int(order[0])]
-    reason = f"hidden by the fingers in every grasp; grasp {best.id} comes nearest"
+    reason = say("hidden by the fingers in every grasp; grasp {id} comes nearest", id=best.id)
     for share in THINNER:
         arm_gripper = _thinner(layout.arm_gripper, share)
         for g in order:
             grasp = part.arm_grasps[int(g)]
             if _still_hidden(part, layout, grasp, arm_gripper, piece) < MOSTLY_HIDDEN:
                 return reason, (
-                    f"fingers {arm_gripper.finger_width_mm:.0f} mm wide and "
-                    f"{arm_gripper.finger_thickness_mm:.0f} mm thick would do"
+                    say(
+                        "fingers {finger_width_mm:.0f} mm wide and "
+                        "{finger_thickness_mm:.0f} mm thick would do",
+                        finger_width_mm=arm_gripper.finger_width_mm,
+                        finger_thickness_mm=arm_gripper.finger_thickness_mm,
+                    )
                 )
-    return reason, "hold the part by other faces: a gripper of another kind"
+    return reason, key("hold the part by other faces: a gripper of another kind")
 
 
 def _distinct(part: PreparedPart) -> int:
@@ -333,10 +361,12 @@ def _reach(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[st
     if len(index):
         scene = Scene(layout, held.opening_mm, layout.fixed_open_mm, part.carried_box(held))
         blockers = sorted({scene.names()[k] for k in scene.contacts(q) if k >= 0})
-        names = ", ".join(blockers) or "nothing"
-        return f"out of reach: the arm would touch {names}", f"move {names} away"
-    limit = passed_limit(layout, T_tcp) or "beyond the outstretched arm"
-    return f"out of reach: {limit}", _better_place(part, layout, pairs)
+        names = joined(", ", blockers) or "nothing"
+        return say("out of reach: the arm would touch {names}", names=names), say(
+            "move {names} away", names=names
+        )
+    limit = passed_limit(layout, T_tcp) or key("beyond the outstretched arm")
+    return say("out of reach: {limit}", limit=limit), _better_place(part, layout, pairs)
 
 
 def _out_of_picture(part: PreparedPart, layout: CellLayout) -> tuple[str, str]:
@@ -347,9 +377,14 @@ def _out_of_picture(part: PreparedPart, layout: CellLayout) -> tuple[str, str]:
     )
     span = float(2 * np.linalg.norm(part.part_box.half_mm))
     return (
-        f"out of the picture: the camera sees {width:.0f} x {height:.0f} mm at the station, the "
-        f"part is {span:.0f} mm across",
-        "move the camera back, or take a shorter focal length",
+        say(
+            "out of the picture: the camera sees {width:.0f} x {height:.0f} mm "
+            "at the station, the part is {span:.0f} mm across",
+            width=width,
+            height=height,
+            span=span,
+        ),
+        key("move the camera back, or take a shorter focal length"),
     )
 
 
@@ -360,15 +395,17 @@ def _better_place(part: PreparedPart, layout: CellLayout, pairs: Sequence[tuple[
             T = _poses_towards(part, layout, part.directions.vectors[view], np.array(towards))
             index, _, _ = inverse_rows(layout, T @ part.arm_grasps[grasp].T_part_tcp)
             if len(index):
-                return f"a camera {name} would see it"
+                return say("a camera {name} would see it", name=name)
     reach_mm = layout.arm.reach_mm
     away = float(np.hypot(*(layout.station_mm - layout.T_world_arm[:3, 3])[:2]))
     if away > reach_mm:
-        return (
-            f"move the station, {away:.0f} mm from the arm's axis, to where the wrist gets round "
-            f"it: within {reach_mm:.0f} mm"
+        return say(
+            "move the station, {away:.0f} mm from the arm's axis, to where the "
+            "wrist gets round it: within {reach_mm:.0f} mm",
+            away=away,
+            reach_mm=reach_mm,
         )
-    return "another start pose or another gripper; no camera place that was tried would do"
+    return key("another start pose or another gripper; no camera place that was tried would do")
 
 
 def _poses_towards(
@@ -407,29 +444,42 @@ def _no_path(
     advice = ""
     if others:
         poses = ", ".join(str(p) for p in others)
-        advice = f"put the part down in stable pose {poses}"
+        advice = say("put the part down in stable pose {poses}", poses=poses)
     if layout.fixed_gripper is None:
         return (
-            f"no regrasp path from here to a grasp that shows it ({names}): the cell has no fixed "
-            "gripper, and no pose on the table leads on",
-            advice or "a second gripper",
+            say(
+                "no regrasp path from here to a grasp that shows it ({names}): the "
+                "cell has no fixed gripper, and no pose on the table leads on",
+                names=names,
+            ),
+            advice or key("a second gripper"),
         )
     if not part.fixed_grasps:
         return (
-            f"no regrasp path from here to a grasp that shows it ({names}): the fixed gripper "
-            "finds nothing to hold the part by while the arm gripper releases it",
-            advice or "other jaws for the fixed gripper",
+            say(
+                "no regrasp path from here to a grasp that shows it ({names}): the "
+                "fixed gripper finds nothing to hold the part by while the arm "
+                "gripper releases it",
+                names=names,
+            ),
+            advice or key("other jaws for the fixed gripper"),
         )
     if not any(part.hand_offs):
         return (
-            f"no regrasp path from here to a grasp that shows it ({names}): the arm cannot bring "
-            "the part to the fixed gripper where it stands",
-            advice or "move the fixed gripper into the arm's reach",
+            say(
+                "no regrasp path from here to a grasp that shows it ({names}): the "
+                "arm cannot bring the part to the fixed gripper where it stands",
+                names=names,
+            ),
+            advice or key("move the fixed gripper into the arm's reach"),
         )
     return (
-        f"no regrasp path from here to a grasp that shows it ({names}): no hand-off and no pose on "
-        "the table joins them",
-        advice or "turn the fixed gripper",
+        say(
+            "no regrasp path from here to a grasp that shows it ({names}): no "
+            "hand-off and no pose on the table joins them",
+            names=names,
+        ),
+        advice or key("turn the fixed gripper"),
     )
 
 

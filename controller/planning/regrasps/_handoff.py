@@ -13,6 +13,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.imaging import inverse_pose
+from messages import key
 
 from ..geometry import PartShape, stack
 from ..model import CellLayout, Grasp, HandOff
@@ -48,7 +49,7 @@ def hand_offs(
     closed_grippers = _gripper_closed(layout, arm_gripper_grasps)
     T_tcp_part = np.stack([inverse_pose(g.T_part_tcp) for g in arm_gripper_grasps])
     around = Scene(
-        layout, 0.0, fixed_grasp.pre_open_mm, ignore=frozenset({"fixture", "fixture fingers"})
+        layout, 0.0, fixed_grasp.pre_open_mm, ignore=frozenset({"fixture", key("fixture fingers")})
     )
     gripper = Scene(layout, 0.0, fixed_grasp.pre_open_mm)
     closed = Scene(layout, 0.0, fixed_grasp.opening_mm)

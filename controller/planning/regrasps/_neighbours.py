@@ -12,6 +12,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 from controller.imaging import inverse_pose
+from messages import say
 
 from ..geometry import PlacedShape, Triangles, stack
 from ..model import CellLayout, Grasp, HandOff, PreparedPart
@@ -68,7 +69,11 @@ def what_covers(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray
             lifted.place(T)
             if lifted.meets(still):
                 x, y = one.box.T[:2, 3]
-                return f"the object at ({x:.0f}, {y:.0f}) is over it; take that one away first"
+                return say(
+                    "the object at ({x:.0f}, {y:.0f}) is over it; take that one away first",
+                    x=x,
+                    y=y,
+                )
     return None
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from controller.arrays import FloatArray, IntArray
 from controller.imaging import inverse_pose
+from messages import joined, key, say
 
 from ..geometry import Box, narrowest_mm, stack
 from ..grasps import clear_of_table, resting_pose
@@ -83,12 +84,18 @@ def _free_paths(
     """
     grasps = part.arm_grasps
     x, y = (T_world_part[:3, :3] @ part.solid.centroid_mm + T_world_part[:3, 3])[:2]
-    where = f"{part.solid.name} on the table at ({x:.0f}, {y:.0f})"
+    where = say("{name} on the table at ({x:.0f}, {y:.0f})", name=part.solid.name, x=x, y=y)
     members = np.flatnonzero(clear_of_table(T_world_part, grasps, layout.arm_gripper))
     if len(members) == 0:
-        raise NotGraspableError(f"{where}: {_no_grasp_from_above(part, layout, T_world_part)}")
+        raise NotGraspableError(
+            say(
+                "{where}: {no_grasp_from_above}",
+                where=where,
+                no_grasp_from_above=_no_grasp_from_above(part, layout, T_world_part),
+            )
+        )
     if (reason := what_covers(part, layout, T_world_part)) is not None:
-        raise NoMotionError(f"{where}: {reason}")
+        raise NoMotionError(say("{where}: {reason}", where=where, reason=reason))
     T_hold = T_world_part @ np.stack([grasps[k].T_part_tcp for k in members])
     index, branch, q = inverse_rows(layout, T_hold)
     if len(index) == 0:
@@ -126,7 +133,11 @@ def _free_paths(
     if len(free) == 0:
         if blocked:
             raise NoMotionError(
-                f"{where}: every approach touches {', '.join(sorted(blocked))}; move the part away"
+                say(
+                    "{where}: every approach touches {blocked}; move the part away",
+                    where=where,
+                    blocked=joined(", ", sorted(blocked)),
+                )
             )
         raise _out_of_reach(layout, T_up[:, -1], where)
     return [(int(members[index[rows[k]]]), down[k], lift[k]) for k in free]
@@ -184,30 +195,44 @@ def _no_grasp_from_above(part: PreparedPart, layout: CellLayout, T_world_part: F
     """Return a message: the reason for no grasp, advice, and the stable poses that have one."""
     hull = part.solid.hull_mm @ T_world_part[:3, :3].T
     high = float(np.ptp(hull[:, 2]))
-    text = f"no pick in this pose: in it the part is {high:.1f} mm high"
+    text = say("no pick in this pose: in it the part is {high:.1f} mm high", high=high)
     rules, jaw = part.options.rules.for_pads_of(layout.arm_gripper), layout.arm_gripper
     wide, widest = narrowest_mm(hull[:, :2]), jaw.max_mm - rules.jaw_reserve_mm
     room = TABLE_MARGIN_MM + layout.clearance_mm
     rim = rules.min_rim_contact_mm2 / jaw.finger_width_mm  # height of what the pads must meet
     if wide > widest:
-        text += f" and nowhere less than {wide:.0f} mm wide; the jaws take {widest:.0f} mm"
-        remedy = "fit a wider jaw"
+        text += say(
+            " and nowhere less than {wide:.0f} mm wide; the jaws take {widest:.0f} mm",
+            wide=wide,
+            widest=widest,
+        )
+        remedy = key("fit a wider jaw")
     elif high < rim:
-        text += f", and pads must meet {rim:.1f} mm of its rim; such parts take a vacuum gripper"
-        remedy = "no finger holds it"
+        text += say(
+            ", and pads must meet {rim:.1f} mm of its rim; such parts take a vacuum gripper",
+            rim=rim,
+        )
+        remedy = key("no finger holds it")
     elif high - room < rim + RIM_STEP_MM:
         left, support = max(0.0, high - room), max(1, ceil(room + 2 * rim - high))
-        text += f"; fingertips stay {room:.1f} mm off the table, {left:.1f} mm of its rim are left"
-        remedy = (
-            f"lay it {support} mm higher, on a support that ends within its outline, with the "
-            "table plane measured on its top"
+        text += say(
+            "; fingertips stay {room:.1f} mm off the table, {left:.1f} mm of its rim are left",
+            room=room,
+            left=left,
+        )
+        remedy = say(
+            "lay it {support} mm higher, on a support that ends within its "
+            "outline, with the table plane measured on its top",
+            support=support,
         )
     else:
-        text += (
-            f", and none of its {len(part.arm_grasps)} grasps from above clears the table by "
-            f"{room:g} mm"
+        text += say(
+            ", and none of its {arm_grasps_count} grasps from above clears the "
+            "table by {room:g} mm",
+            arm_grasps_count=len(part.arm_grasps),
+            room=room,
         )
-        remedy = "fit other fingers"
+        remedy = key("fit other fingers")
     x, y = layout.set_down_mm.mean(axis=1)
     able = []
     for pose in part.poses:
@@ -218,8 +243,17 @@ def _no_grasp_from_above(part: PreparedPart, layout: CellLayout, T_world_part: F
         if clear_of_table(T, part.arm_grasps, layout.arm_gripper).any():
             able.append(str(pose.index))
     if able:
-        return f"{text}; {remedy}, or lay it down in stable pose {' or '.join(able)}"
-    return f"{text}, and no other pose does that is more than barely stable; {remedy}"
+        return say(
+            "{text}; {remedy}, or lay it down in stable pose {able}",
+            text=text,
+            remedy=remedy,
+            able=joined(" or ", able),
+        )
+    return say(
+        "{text}, and no other pose does that is more than barely stable; {remedy}",
+        text=text,
+        remedy=remedy,
+    )
 
 
 def _out_of_reach(layout: CellLayout, T_tcp: FloatArray, where: str) -> OutOfReachError:
@@ -229,11 +263,14 @@ def _out_of_reach(layout: CellLayout, T_tcp: FloatArray, where: str) -> OutOfRea
     limit = layout.arm.reach_mm
     best = float(reach.min())
     if best > limit:
-        text = (
-            f"{where}: {best:.0f} mm are required of the wrist, the arm reaches {limit:.0f} mm; "
-            "move the part closer"
+        text = say(
+            "{where}: {best:.0f} mm are required of the wrist, the arm reaches "
+            "{limit:.0f} mm; move the part closer",
+            where=where,
+            best=best,
+            limit=limit,
         )
     else:
-        passed = passed_limit(layout, T_tcp) or "beyond the arm's reach"
-        text = f"{where}: {passed}; turn the part or move it"
+        passed = passed_limit(layout, T_tcp) or key("beyond the arm's reach")
+        text = say("{where}: {passed}; turn the part or move it", where=where, passed=passed)
     return OutOfReachError(text, reach_mm=best, limit_mm=limit, where=where)

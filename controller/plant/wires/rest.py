@@ -31,6 +31,7 @@ from controller.page.frame.visit import address_of
 from controller.page.http import Serving, config_of
 from controller.page.security.addresses import is_loopback
 from controller.page.security.sessions import Attempts
+from messages import say
 
 from ..model import OrderRequest, Payload, first_wrong
 from ..plant import Plant, PlantError, RefusedError, UnknownError
@@ -298,7 +299,13 @@ async def _body(request: Request) -> bytes:
             async for chunk in request.stream():
                 body += chunk
                 if len(body) > BODY_MAX_BYTES:
-                    raise _RefusalError(413, f"a body has {BODY_MAX_BYTES} bytes at most")
+                    raise _RefusalError(
+                        413,
+                        say(
+                            "a body has {body_max_bytes} bytes at most",
+                            body_max_bytes=BODY_MAX_BYTES,
+                        ),
+                    )
     except TimeoutError:
         raise _RefusalError(408, "the request did not arrive in time") from None
     return bytes(body)

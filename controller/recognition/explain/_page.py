@@ -7,6 +7,7 @@ import numpy as np
 
 from controller.arrays import Grey, Picture
 from controller.imaging import Camera
+from messages import key
 
 from ..identification.sighting import Recognition
 from ..library import Library
@@ -102,7 +103,7 @@ def _overview(picture: Grey, camera: Camera, facts: Sequence[ObjectFacts]) -> Pi
         s = f.sighting
         x0, y0, x1, _ = f.trace.region.box_px
         corner = np.array([x0, y0], dtype=np.float64)
-        name = f"{s.part}, pose {s.pose_index}" if s.part else "unknown object"
+        name = f"{s.part}, pose {s.pose_index}" if s.part else key("unknown object")
         name += f"  {s.score:.3f}"
         if f.trace.region.touches_edge:
             name = "cut by the edge"

@@ -7,6 +7,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
+from messages import key
+
 from ..segmentation import Region, joined, near_ones
 from .hypotheses import SAME_PLACE_MM, Hypothesis
 from .lit import parts_of_lit
@@ -16,7 +18,9 @@ from .sighting import Seen, Sighting, Trace, known, unknown
 from .touching import PartialSighting, parts_of
 
 Answers = tuple[Region, list[Seen]]  # of a region, and what is in it
-LEFT_OVER: Final = "touches known parts, but is none of them as far as it is seen; move it apart"
+LEFT_OVER: Final = key(
+    "touches known parts, but is none of them as far as it is seen; move it apart"
+)
 WHOLE: Final = 0.95  # share of an outline's length that the part itself explains
 # Distance from the outline of a named part beyond which the outline belongs to another.
 BESIDE_MM: Final = 3.0

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
+from messages import key
 
 from ..library import FEW_VIEWS, Candidate, Library, Silhouette, polar_grid
 from ..segmentation import Region
@@ -33,11 +34,11 @@ def identify(region: Region, scene: TableScene) -> Seen:
     """
     outlines, silhouettes = _silhouettes(region, scene)
     if not silhouettes:
-        reason = "too small to recognise"
+        reason = key("too small to recognise")
         return unknown(region, scene, 0.0, 1.0, reason), Trace(region, (), ())
     main, library = silhouettes[0], scene.library
     if region.touches_edge:
-        reason = "partly outside the picture or the backlit area; move it inwards"
+        reason = key("partly outside the picture or the backlit area; move it inwards")
         return unknown(region, scene, main.area_mm2, 1.0, reason), Trace(region, (), ())
     far = FAR_BACKLIT if scene.is_backlit else FAR_FRONT
     candidates = [

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from controller.arrays import FloatArray
+from messages import key, say
 
 from ..library import Candidate, Library, LibraryPart, place_of
 from ..segmentation import Region, Segmentation
@@ -238,15 +239,20 @@ def why_not(decision: Decision, library: Library) -> str:
     """Return the reason of a refusal: what came nearest, and what speaks against it."""
     h = decision.nearest
     if h is None:
-        return "none of the known parts has a silhouette of this size and shape"
+        return key("none of the known parts has a silhouette of this size and shape")
     name = library.entries[h.part].name
     if has_other_inside(h):
-        return (
-            f"none of the known parts: nearest is {name}, but an edge of "
-            f"{h.evidence.unexplained_mm:.0f} mm is seen where it has none"
+        return say(
+            "none of the known parts: nearest is {name}, but an edge of "
+            "{unexplained_mm:.0f} mm is seen where it has none",
+            name=name,
+            unexplained_mm=h.evidence.unexplained_mm,
         )
-    return (
-        f"none of the known parts: nearest is {name}, of whose edges "
-        f"{100 * h.evidence.outline:.0f} % are in the picture and which explains "
-        f"{100 * h.evidence.explained:.0f} % of what is seen"
+    return say(
+        "none of the known parts: nearest is {name}, of whose edges "
+        "{outline:.0f} % are in the picture and which explains "
+        "{explained:.0f} % of what is seen",
+        name=name,
+        outline=100 * h.evidence.outline,
+        explained=100 * h.evidence.explained,
     )

@@ -11,6 +11,7 @@ from controller.cell.services.records import INPUTS
 from controller.config import split_cad
 from controller.config.cad_files import body_path
 from controller.config.files import file_sha256
+from messages import key, say
 
 from ..run import PartReport, RunRecord
 
@@ -34,19 +35,19 @@ def solid_of(recipe: Mapping[str, Any], files: Mapping[str, str], folder: Path) 
     source = split_cad(Path(str(recipe.get("part", ""))))
     sha256_then = files.get(str(source.file))
     if sha256_then is None:
-        return "the journal does not name the CAD file"
+        return key("the journal does not name the CAD file")
     found = [(path, file_sha256(path)) for path in _copies(source.file, folder) if path.is_file()]
     path = next((path for path, sha256 in found if sha256 == sha256_then), None)
     if path is None and not found:
-        return f"the CAD file {source.file.name} is no longer where the run found it"
+        return say("the CAD file {name} is no longer where the run found it", name=source.file.name)
     if path is None:
-        return f"the CAD file {source.file.name} was changed since the run"
+        return say("the CAD file {name} was changed since the run", name=source.file.name)
     unit = recipe.get("unit")
     try:
         part = path if source.body is None else body_path(path, source.body)
         return load_part(part, options_among(part, str(unit) if unit else None)).solid
     except (CadError, OSError) as error:
-        return f"the CAD file {path.name} cannot be read: {error}"
+        return say("the CAD file {name} cannot be read: {error}", name=path.name, error=error)
 
 
 def _copies(file: Path, folder: Path) -> Iterator[Path]:

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from controller.cell.custody import Custody, where_it_is
 from controller.cell.journal import CELL_TIME, Body, Row, is_of, read_row, rows
+from messages import joined, key, say
 
 from ._parts import PartFold
 from ._stored import copies_in, stored_files
@@ -224,15 +225,17 @@ def _outcome(
 
 
 def _held(part: PartReport) -> str:
-    detail = f" ({part.custody_detail})" if part.custody_detail else ""
-    return f"{part.custody.value}{detail}" + (", or no longer" if part.unconfirmed else "")
+    held = joined("", (part.custody.value,))
+    if part.custody_detail:
+        held += say(" ({detail})", detail=part.custody_detail)
+    return held + key(", or no longer") if part.unconfirmed else held
 
 
 def _where(part: PartReport | None) -> str:
     if part is None:
         return where_it_is(Custody.NONE)
     if part.unconfirmed:
-        return where_it_is(Custody.UNKNOWN, f"last known: {part.custody.value}")
+        return where_it_is(Custody.UNKNOWN, say("last known: {value}", value=part.custody.value))
     return where_it_is(part.custody, part.custody_detail)
 
 

@@ -12,6 +12,7 @@ from typing import Final
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, FaultError, RefusedError, UnpluggedError
 from drivers.pictures import BrokenPictureError
+from messages import key, say
 
 from ..kernel import (
     GONE,
@@ -113,7 +114,7 @@ class CaptureSession:
         self.period_s = agree_on_period(self._device, 1 / config.fps)
         self._lock(exposure_s)
         self._stream = Stream(self._device, config.buffer_count)
-        with explained(node, "start of the stream"):
+        with explained(node, key("start of the stream")):
             self._stream.start()
 
     def close(self) -> None:
@@ -143,12 +144,12 @@ class CaptureSession:
 
     def _open_device(self) -> Device:
         if self._device is None:
-            raise UnpluggedError(f"camera {self._config.device}: not connected")
+            raise UnpluggedError(say("camera {device}: not connected", device=self._config.device))
         return self._device
 
     def _open_stream(self) -> Stream:
         if self._stream is None:
-            raise UnpluggedError(f"camera {self._config.device}: not connected")
+            raise UnpluggedError(say("camera {device}: not connected", device=self._config.device))
         return self._stream
 
     # -- controls ------------------------------------------------------------------------------
@@ -202,7 +203,11 @@ class CaptureSession:
         )
         if setting.problem or setting.got is None:
             raise RefusedError(
-                f"camera {device.path}: {setting.problem} (units of 100 µs)",
+                say(
+                    "camera {path}: {problem} (units of 100 µs)",
+                    path=device.path,
+                    problem=setting.problem,
+                ),
                 setting.code or errno.ERANGE,
             )
         return setting.got * abi.EXPOSURE_UNIT_S
@@ -256,12 +261,16 @@ class CaptureSession:
                 raise explain(error, device.path, "dequeue") from error
             if self._has_restarted:
                 raise FaultError(
-                    f"camera {device.path}: the stream broke again after a restart: {error}",
+                    say(
+                        "camera {path}: the stream broke again after a restart: {error}",
+                        path=device.path,
+                        error=error,
+                    ),
                     error.errno or 0,
                 ) from error
             log.warning("camera %s: the stream broke (%s): restarted", device.path, error)
         self._has_restarted, self._last_sequence, self._backlog_count = True, None, None
-        with explained(device.path, "restart of the stream"):
+        with explained(device.path, key("restart of the stream")):
             self._open_stream().restart()
         self.stats.restart_count += 1  # once it is done: whoever counts may go on then
         return Dequeued(None, 0, is_empty=True)
@@ -288,7 +297,12 @@ class CaptureSession:
         stream = self._open_stream()
         if buffer.index >= stream.buffer_count:
             raise BadReplyError(
-                f"camera {device.path}: buffer {buffer.index} of {stream.buffer_count}"
+                say(
+                    "camera {path}: buffer {index} of {buffer_count}",
+                    path=device.path,
+                    index=buffer.index,
+                    buffer_count=stream.buffer_count,
+                )
             )
         stamp = stamp_of(
             buffer,

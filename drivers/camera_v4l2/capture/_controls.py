@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+from messages import key, say
+
 from ..kernel import GONE, Device, abi
 from ..kernel.abi import ControlFlag, ControlId, ControlType
 
@@ -142,7 +144,7 @@ def set_and_compare(
     try:
         found = device.query_control(control)
         if found is None:
-            problem = f"{name}: the camera has no such control" if is_needed else ""
+            problem = say("{name}: the camera has no such control", name=name) if is_needed else ""
             return ControlSetting(control, name, wanted, None, problem)
         name = found.name or name
         before = device.get_control(control)
@@ -151,13 +153,19 @@ def set_and_compare(
     except OSError as error:
         if error.errno in GONE:
             raise
-        problem = f"{name}: {wanted} {_why(error)}"
+        problem = say("{name}: {wanted} {why}", name=name, wanted=wanted, why=_why(error))
         return ControlSetting(control, name, wanted, before, problem, error.errno or 0)
     problem = ""
     if abs(got - wanted) > max(found.step, 1) // 2:  # off the camera's raster is not a lie
-        problem = (
-            f"{name}: {wanted} required, the camera took {got} "
-            f"(range {found.minimum}..{found.maximum}, step {found.step})"
+        problem = say(
+            "{name}: {wanted} required, the camera took {got} (range "
+            "{minimum}..{maximum}, step {step})",
+            name=name,
+            wanted=wanted,
+            got=got,
+            minimum=found.minimum,
+            maximum=found.maximum,
+            step=found.step,
         )
     return ControlSetting(control, name, wanted, got, problem, has_changed=got != before)
 
@@ -187,7 +195,7 @@ def _describe(device: Device, found: abi.QueryCtrl) -> ControlInfo:
     except OSError as error:
         if error.errno in GONE:
             raise
-        problem = f"cannot be read: {errno.errorcode.get(error.errno or 0, '?')}"
+        problem = say("cannot be read: {get}", get=errno.errorcode.get(error.errno or 0, "?"))
     known = found.type in ControlType.__members__.values()
     return ControlInfo(
         control=found.control,
@@ -207,10 +215,12 @@ def _describe(device: Device, found: abi.QueryCtrl) -> ControlInfo:
 def _why(error: OSError) -> str:
     match error.errno:
         case errno.EACCES:
-            return "refused: an automatic still has this control, or it is read-only (EACCES)"
+            return key("refused: an automatic still has this control, or it is read-only (EACCES)")
         case errno.ERANGE | errno.EINVAL:
-            return "refused: outside what the camera offers"
+            return key("refused: outside what the camera offers")
         case errno.EBUSY:
-            return "refused: another program holds this control (EBUSY)"
+            return key("refused: another program holds this control (EBUSY)")
     code = error.errno or 0
-    return f"failed: {errno.errorcode.get(code, code)} ({error.strerror})"
+    return say(
+        "failed: {get} ({strerror})", get=errno.errorcode.get(code, code), strerror=error.strerror
+    )

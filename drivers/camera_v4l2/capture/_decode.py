@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.pictures import BrokenPictureError
 from drivers.pictures import decode as decode_picture
+from messages import key, say
 
 from ..kernel.abi import PixFormat, fourcc, fourcc_name
 
@@ -75,12 +76,20 @@ def check_complete(data: bytes, pixel_format: PixFormat) -> None:
     """
     if pixel_format.pixelformat in (fourcc("MJPG"), fourcc("JPEG")):
         if not data.startswith(_START_OF_IMAGE):
-            raise BrokenPictureError(f"a JPEG that starts with {data[:2].hex(' ') or 'nothing'}")
+            raise BrokenPictureError(
+                say("a JPEG that starts with {data}", data=data[:2].hex(" ") or "nothing")
+            )
         if not data.rstrip(b"\0").endswith(_END_OF_IMAGE):
-            raise BrokenPictureError("a JPEG without its end")
+            raise BrokenPictureError(key("a JPEG without its end"))
         return
     if len(data) != pixel_format.sizeimage:
-        raise BrokenPictureError(f"{len(data)} bytes of {pixel_format.sizeimage}")
+        raise BrokenPictureError(
+            say(
+                "{data_count} bytes of {sizeimage}",
+                data_count=len(data),
+                sizeimage=pixel_format.sizeimage,
+            )
+        )
 
 
 def decode(data: bytes, pixel_format: PixFormat) -> Image:
@@ -104,7 +113,9 @@ def decode(data: bytes, pixel_format: PixFormat) -> Image:
     image = _decode_jpeg(data) if kind.bytes_per_px == 0 else _decode_raw(data, pixel_format, kind)
     shape = (pixel_format.height, pixel_format.width)
     if image.shape != shape:
-        raise BrokenPictureError(f"a JPEG of {image.shape[1]} x {image.shape[0]} px")
+        raise BrokenPictureError(
+            say("a JPEG of {shape} x {shape2} px", shape=image.shape[1], shape2=image.shape[0])
+        )
     image.flags.writeable = False
     return image
 

@@ -4,6 +4,7 @@ import errno
 import logging
 
 from drivers.errors import BadReplyError, WrongDeviceError
+from messages import key, say
 
 from ..kernel import GONE, Device, abi, explain, explained
 from ..kernel.abi import Cap
@@ -24,14 +25,21 @@ def check_kind(device: Device) -> abi.Capability:
         caps = device.query_capability()
     except OSError as error:
         if error.errno in (errno.ENOTTY, errno.EINVAL):
-            raise WrongDeviceError(f"camera {device.path}: not a V4L2 node") from error
-        raise explain(error, device.path, "capability query") from error
+            raise WrongDeviceError(
+                say("camera {path}: not a V4L2 node", path=device.path)
+            ) from error
+        raise explain(error, device.path, key("capability query")) from error
     has = caps.node_caps
     if not (has & Cap.VIDEO_CAPTURE and has & Cap.STREAMING):
         can = ", ".join(cap.name for cap in Cap if cap & has and cap.name) or "nothing"
         raise WrongDeviceError(
-            f"camera {device.path}: {caps.card!r} ({caps.driver}) is no capture node "
-            f"with streaming: it can {can}"
+            say(
+                "camera {path}: {card} ({driver}) is no capture node with streaming: it can {can}",
+                path=device.path,
+                card=repr(caps.card),
+                driver=caps.driver,
+                can=can,
+            )
         )
     return caps
 
@@ -50,8 +58,12 @@ def agree_on_format(device: Device, config: CameraConfig) -> abi.PixFormat:
         wanted = [name for name in config.pixel_formats if name in offered]
         if not wanted:
             raise WrongDeviceError(
-                f"camera {device.path}: offers {', '.join(offered) or 'no format'}; "
-                f"wanted is one of {', '.join(config.pixel_formats)}"
+                say(
+                    "camera {path}: offers {offered}; wanted is one of {pixel_formats}",
+                    path=device.path,
+                    offered=", ".join(offered) or key("no format"),
+                    pixel_formats=", ".join(config.pixel_formats),
+                )
             )
         asked = abi.PixFormat(config.width, config.height, abi.fourcc(wanted[0]))
         got = device.set_format(asked)
@@ -71,16 +83,30 @@ def agree_on_format(device: Device, config: CameraConfig) -> abi.PixFormat:
 def _check_format(device: Device, got: abi.PixFormat) -> None:
     kind, name = pixel_kind(got), abi.fourcc_name(got.pixelformat)
     if kind is None:
-        raise WrongDeviceError(f"camera {device.path}: answers with {name}, unreadable here")
+        raise WrongDeviceError(
+            say("camera {path}: answers with {name}, unreadable here", path=device.path, name=name)
+        )
     if got.field not in (abi.FIELD_ANY, abi.FIELD_NONE):
-        raise WrongDeviceError(f"camera {device.path}: interlaced (field order {got.field})")
+        raise WrongDeviceError(
+            say(
+                "camera {path}: interlaced (field order {field})", path=device.path, field=got.field
+            )
+        )
     packed = got.width * kind.bytes_per_px
     is_line_short = packed > 0 and line_bytes(got) < packed
     is_image_short = packed > 0 and got.sizeimage < line_bytes(got) * got.height
     if not (got.width and got.height) or is_line_short or is_image_short:
         raise BadReplyError(
-            f"camera {device.path}: {name} {got.width} x {got.height} px in {got.sizeimage} "
-            f"bytes, {got.bytesperline} a row"
+            say(
+                "camera {path}: {name} {width} x {height} px in {sizeimage} bytes, "
+                "{bytesperline} a row",
+                path=device.path,
+                name=name,
+                width=got.width,
+                height=got.height,
+                sizeimage=got.sizeimage,
+                bytesperline=got.bytesperline,
+            )
         )
 
 
@@ -90,7 +116,7 @@ def agree_on_period(device: Device, wanted_s: float) -> float:
         granted_s = device.set_period(wanted_s)
     except OSError as error:
         if error.errno in GONE:
-            raise explain(error, device.path, "frame rate") from error
+            raise explain(error, device.path, key("frame rate")) from error
         log.info("camera %s: the frame rate cannot be set: %s", device.path, error)
         granted_s = None
     period_s = granted_s or wanted_s

@@ -4,6 +4,7 @@ import contextlib
 import errno
 
 from drivers.errors import BadReplyError, RefusedError
+from messages import say
 
 from ..kernel import BufferMap, Device
 from ..kernel.abi import Buffer
@@ -43,7 +44,12 @@ class Stream:
         count = self._device.request_buffers(self._wanted_count)
         if count < 2:
             raise RefusedError(
-                f"camera {self._device.path}: {count} buffers granted of {self._wanted_count}",
+                say(
+                    "camera {path}: {count} buffers granted of {wanted_count}",
+                    path=self._device.path,
+                    count=count,
+                    wanted_count=self._wanted_count,
+                ),
                 errno.ENOMEM,
             )
         for index in range(count):
@@ -52,8 +58,14 @@ class Stream:
                 self._maps.append(self._device.mmap(place.length, place.offset))
             except ValueError as error:  # a length or offset that the memory does not have
                 raise BadReplyError(
-                    f"camera {self._device.path}: buffer {index} of {place.length} bytes "
-                    f"at {place.offset}: {error}"
+                    say(
+                        "camera {path}: buffer {index} of {length} bytes at {offset}: {error}",
+                        path=self._device.path,
+                        index=index,
+                        length=place.length,
+                        offset=place.offset,
+                        error=error,
+                    )
                 ) from error
         self.resume()
 

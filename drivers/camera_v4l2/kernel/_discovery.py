@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from drivers.errors import LinkError, WrongDeviceError
+from messages import say
 
 from ._socket_calls import UNIX_PREFIX
 
@@ -88,17 +89,33 @@ def find_node(address: str, dev_root: Path = DEV_ROOT, sysfs_root: Path = SYSFS_
         raise ValueError(f"camera address {address!r} names nothing")
     if not fitting:
         there = "; ".join(_tell(node) for node in nodes) or "none"
-        raise LinkError(f"camera {address}: not plugged in; cameras there: {there}")
+        raise LinkError(
+            say(
+                "camera {address}: not plugged in; cameras there: {there}",
+                address=address,
+                there=there,
+            )
+        )
     if len(fitting) > 1:
         raise WrongDeviceError(
-            f"camera {address}: {len(fitting)} cameras answer to it: "
+            say(
+                "camera {address}: {fitting_count} cameras answer to it: ",
+                address=address,
+                fitting_count=len(fitting),
+            )
             + "; ".join(_tell(node) for node in fitting)
         )
     return fitting[0].path
 
 
 def _tell(node: FoundNode) -> str:
-    return f"{node.path} {node.name!r} serial {node.serial or '-'} port {node.port or '-'}"
+    return say(
+        "{path} {name} serial {serial} port {port}",
+        path=node.path,
+        name=repr(node.name),
+        serial=node.serial or "-",
+        port=node.port or "-",
+    )
 
 
 def _read(path: Path) -> str:

@@ -16,6 +16,7 @@ from drivers.errors import (
     UnpluggedError,
     WrongDeviceError,
 )
+from messages import say
 
 # ENODEV is the error of every call on an unplugged camera; the rest means a node whose server died
 # (ENOTCONN, ECONNABORTED: a FUSE mount without its process) or that is being removed.
@@ -34,18 +35,26 @@ def explain(error: OSError, device: str, doing: str) -> DeviceError:
     doing : action attempted, for the message, such as "frame rate"
     """
     code = error.errno or 0
-    told = f"camera {device}: {doing}: {errno.errorcode.get(code, code)} ({error.strerror})"
+    told = say(
+        "camera {device}: {doing}: {get} ({strerror})",
+        device=device,
+        doing=doing,
+        get=errno.errorcode.get(code, code),
+        strerror=error.strerror,
+    )
     if code in GONE:
-        return UnpluggedError(f"{told}: the camera is gone; plug it in and connect again")
+        return UnpluggedError(
+            say("{told}: the camera is gone; plug it in and connect again", told=told)
+        )
     match code:
         case errno.ETIMEDOUT:
             return ReplyTimeoutError(told)
         case errno.EIO:
-            return FaultError(f"{told}: the camera or its cable failed", code)
+            return FaultError(say("{told}: the camera or its cable failed", told=told), code)
         case errno.EBUSY:
-            return RefusedError(f"{told}: another program is using the camera", code)
+            return RefusedError(say("{told}: another program is using the camera", told=told), code)
         case errno.ENOTTY:
-            return WrongDeviceError(f"{told}: not a V4L2 capture node")
+            return WrongDeviceError(say("{told}: not a V4L2 capture node", told=told))
         case errno.EPROTO:
             return BadReplyError(told)
     return RefusedError(told, code)
@@ -54,18 +63,19 @@ def explain(error: OSError, device: str, doing: str) -> DeviceError:
 def explain_open(error: OSError, device: str) -> DeviceError:
     """Return the driver's error for a node that cannot be opened."""
     code = error.errno or 0
-    told = f"camera {device}: {os.strerror(code)}"
+    told = say("camera {device}: {strerror}", device=device, strerror=os.strerror(code))
     match code:
         case errno.ENOENT | errno.ENOTDIR:
-            return LinkError(f"{told}: no camera is plugged in under this name")
+            return LinkError(say("{told}: no camera is plugged in under this name", told=told))
         case errno.ECONNREFUSED:
-            return LinkError(f"{told}: no emulated camera listens there")
+            return LinkError(say("{told}: no emulated camera listens there", told=told))
         case errno.EACCES | errno.EPERM:
             return RefusedError(
-                f"{told}: this user may not open it (is the user in group 'video'?)", code
+                say("{told}: this user may not open it (is the user in group 'video'?)", told=told),
+                code,
             )
         case errno.EISDIR:
-            return WrongDeviceError(f"{told}: not a V4L2 node")
+            return WrongDeviceError(say("{told}: not a V4L2 node", told=told))
     return explain(error, device, "open")
 
 

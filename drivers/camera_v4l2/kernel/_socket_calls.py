@@ -17,6 +17,8 @@ import struct
 from dataclasses import dataclass
 from typing import Final
 
+from messages import key, say
+
 UNIX_PREFIX: Final = "unix:"
 
 _REQUEST: Final = struct.Struct("<IIQ")
@@ -84,7 +86,12 @@ class SocketCalls:
         if len(answer) != len(buffer):
             raise OSError(
                 errno.EPROTO,
-                f"ioctl 0x{request:08x}: {len(answer)} bytes came back, not {len(buffer)}",
+                say(
+                    "ioctl 0x{request:08x}: {answer_count} bytes came back, not {buffer_count}",
+                    request=request,
+                    answer_count=len(answer),
+                    buffer_count=len(buffer),
+                ),
             )
         buffer[:] = answer
 
@@ -123,7 +130,7 @@ class SocketCalls:
             except BlockingIOError:
                 return
             if not announced:
-                raise OSError(errno.ENODEV, "the camera's events have ended")
+                raise OSError(errno.ENODEV, key("the camera's events have ended"))
             if len(announced) < _EVENT_GULP_BYTES:
                 return
 
@@ -143,29 +150,38 @@ class SocketCalls:
         _, fds = self._exchange(line, kind, 0, payload)
         if len(fds) != 1:
             _close_all(fds)
-            raise OSError(errno.EPROTO, f"request {kind}: {len(fds)} descriptors came, not one")
+            raise OSError(
+                errno.EPROTO,
+                say(
+                    "request {kind}: {fds_count} descriptors came, not one",
+                    kind=kind,
+                    fds_count=len(fds),
+                ),
+            )
         return fds[0]
 
     def _exchange(
         self, line: _Line, kind: int, arg: int, payload: bytes
     ) -> tuple[bytes, list[int]]:
         if line.is_broken:
-            raise OSError(errno.ENODEV, "the camera's socket is out of step since a time-out")
+            raise OSError(errno.ENODEV, key("the camera's socket is out of step since a time-out"))
         fds: list[int] = []
         is_whole = False
         try:
             line.socket.sendall(_REQUEST.pack(kind, len(payload), arg) + payload)
             result, size = _REPLY.unpack(_receive(line.socket, _REPLY.size, fds))
             if size > _MAX_REPLY_BYTES:
-                raise OSError(errno.EPROTO, f"a reply of {size} bytes")
+                raise OSError(errno.EPROTO, say("a reply of {size} bytes", size=size))
             if not -_MAX_ERRNO <= result <= 0:
-                raise OSError(errno.EPROTO, f"{result} is neither 0 nor an error's number")
+                raise OSError(
+                    errno.EPROTO, say("{result} is neither 0 nor an error's number", result=result)
+                )
             answer = _receive(line.socket, size, fds)
             is_whole = True
         except TimeoutError as error:
-            raise OSError(errno.ETIMEDOUT, "the emulated camera does not reply") from error
+            raise OSError(errno.ETIMEDOUT, key("the emulated camera does not reply")) from error
         except (BrokenPipeError, ConnectionResetError) as error:
-            raise OSError(errno.ENODEV, "the emulated camera hung up") from error
+            raise OSError(errno.ENODEV, key("the emulated camera hung up")) from error
         finally:
             if not is_whole:
                 line.is_broken = True
@@ -189,7 +205,7 @@ def _receive(line: socket.socket, size: int, fds: list[int]) -> bytes:
                 whole.frombytes(data[: len(data) - len(data) % whole.itemsize])
                 fds.extend(whole)
         if not piece:
-            raise OSError(errno.ENODEV, "the emulated camera hung up")
+            raise OSError(errno.ENODEV, key("the emulated camera hung up"))
         received += piece
     return bytes(received)
 

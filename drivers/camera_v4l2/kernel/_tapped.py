@@ -8,6 +8,7 @@ import os
 from typing import Final
 
 from drivers.wires import CameraTap
+from messages import say
 
 from . import abi
 from ._syscalls import BufferMap, SysCalls
@@ -67,7 +68,7 @@ class TappedCalls:
             if taken.stamp_us is not None:
                 abi.restamp(buffer, taken.stamp_us, is_bad=taken.is_unread)
         else:
-            name = _NAMES.get(request, f"ioctl 0x{request:08X}")
+            name = _NAMES.get(request, say("ioctl 0x{request:08X}", request=request))
             buffer[:] = self._tap.call(name, bytes(buffer), do)
 
     def mmap(self, fd: int, length: int, offset: int) -> BufferMap:

@@ -24,6 +24,7 @@ from drivers.errors import (
 )
 from drivers.tasks import run_to_end
 from drivers.wires import LineTap
+from messages import key, say
 
 from ..protocol.codec import (
     Identity,
@@ -162,7 +163,9 @@ class Link:
         request : the bytes of the stop
         verifies : check that nothing moves on either IP, and stop it again if it does
         """
-        async with self._turns.take(f"stop {request.hex().upper()}", urgent=True):
+        async with self._turns.take(
+            say("stop {request}", request=request.hex().upper()), urgent=True
+        ):
             self._wire.listen_anew()
             await run_to_end(self._halt(request, verifies))
 
@@ -200,7 +203,7 @@ class Link:
             if gives_way:
                 self._give_way()
             await self._hand_over(to=ip)
-        raise BadReplyError(f"arm: IP{ip:d} does not take the line")
+        raise BadReplyError(say("arm: IP{ip:d} does not take the line", ip=ip))
 
     async def _hand_over(self, to: Ip) -> None:
         """Hand the line over once, and check which board has it: an acknowledgement proves nothing.
@@ -236,7 +239,9 @@ class Link:
         is_first_there = await self._stop_as_found(look)
         restarted = await self._meet_both(
             allow_restart=True,
-            who="no IP beside the one that took the first stop" if is_first_there else "neither IP",
+            who=key("no IP beside the one that took the first stop")
+            if is_first_there
+            else key("neither IP"),
         )
         self._found_first = self._wire.listening
         return restarted
@@ -269,7 +274,9 @@ class Link:
             await self._wire.drain()
         return has_handed_over
 
-    async def _meet_both(self, *, allow_restart: bool, who: str = "neither IP") -> frozenset[Ip]:
+    async def _meet_both(
+        self, *, allow_restart: bool, who: str = key("neither IP")
+    ) -> frozenset[Ip]:
         """Meet the listening IP, hand over, meet the other one (§1.6, steps 2-6).
 
         A silent line is reported as ``who`` that speaks.
@@ -283,13 +290,15 @@ class Link:
                 if not _heals(error):
                     raise
                 await self._wire.drain()
-            second, second_restarted = await self._meet(allow_restart, f"no IP beside IP{first:d}")
+            second, second_restarted = await self._meet(
+                allow_restart, say("no IP beside IP{first:d}", first=first)
+            )
             if second is not first:
                 self._wire.listening = second
                 restarted = {first: first_restarted, second: second_restarted}
                 return frozenset(ip for ip, was_restarted in restarted.items() if was_restarted)
             first_restarted = first_restarted or second_restarted
-        raise WrongDeviceError(f"arm: both boards answer as IP{first:d}")
+        raise WrongDeviceError(say("arm: both boards answer as IP{first:d}", first=first))
 
     async def _meet(self, allow_restart: bool, who: str) -> tuple[Ip, bool]:
         """Switch off automatic toggling in the listening IP; return it and whether it restarted.
@@ -302,13 +311,17 @@ class Link:
                 return await self._greet(allow_restart), self._has_given_go
             except DeviceError as error:
                 if isinstance(error, SilentLineError):
-                    raise LinkError(f"arm: {who} speaks; {SILENT}") from error
+                    raise LinkError(
+                        say("arm: {who} speaks; {silent}", who=who, silent=SILENT)
+                    ) from error
                 if not _heals(error):
                     raise
                 last = error
                 await self._wire.drain()
                 if attempt and isinstance(error, ReplyTimeoutError):
-                    raise LinkError(f"arm: {who} speaks; {SILENT}") from error
+                    raise LinkError(
+                        say("arm: {who} speaks; {silent}", who=who, silent=SILENT)
+                    ) from error
         raise last
 
     async def _greet(self, allow_restart: bool) -> Ip:
@@ -352,7 +365,7 @@ class Link:
                 last = error
         else:
             if isinstance(last, ReplyTimeoutError):
-                raise LinkError(f"arm: {SILENT}") from last
+                raise LinkError(say("arm: {silent}", silent=SILENT)) from last
             raise last
         await self._meet_both(allow_restart=False)
         self._wire.owes_reply = False
@@ -516,7 +529,9 @@ class Link:
             is_ramp, limit_s = False, self._clock.patience_s(_DEAD_STOP_LIMIT_S)
             request = encode_simple(Simple.DEAD_STOP)
             await self._halt_one(ip, request)
-        raise BadReplyError(f"arm: IP{ip:d} moves after its stop: press the emergency stop")
+        raise BadReplyError(
+            say("arm: IP{ip:d} moves after its stop: press the emergency stop", ip=ip)
+        )
 
     async def _halt_blindly(self, request: bytes) -> None:
         """Send a stop to the listening IP, hand over, and send it again; read no answer."""

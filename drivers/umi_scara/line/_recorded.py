@@ -19,6 +19,7 @@ from typing import Final
 from drivers.clock import CellClock
 from drivers.errors import LinkError, UnpluggedError
 from drivers.wire_file import WireFileError, WireReader
+from messages import say
 
 from ..protocol import constants as c
 from ..protocol.codec import is_query
@@ -201,8 +202,12 @@ class RecordedLine:
             return Exchanged(0.0, request, b"")  # opening, either IP may be the one to answer it
         if said is None:
             raise UnpluggedError(
-                f"arm: {self._name}: up to here the recording has no answer of IP{self._ip} to "
-                f"{request.hex(' ').upper()}"
+                say(
+                    "arm: {name}: up to here the recording has no answer of IP{ip} to {request}",
+                    name=self._name,
+                    ip=self._ip,
+                    request=request.hex(" ").upper(),
+                )
             )
         return said
 
@@ -252,13 +257,17 @@ def _is_hand_over(one: Exchanged) -> bool:
 
 
 def _difference(name: str, ip: int, sent: bytes, recorded: Exchanged | None) -> str:
-    now = f"IP{ip} is sent {sent.hex(' ').upper()}"
+    now = say("IP{ip} is sent {sent}", ip=ip, sent=sent.hex(" ").upper())
     if recorded is None:
-        return f"arm: {name}: the recording has ended, and {now}"
-    return (
-        f"arm: {name}: {now}; the recording has {recorded.request.hex(' ').upper()} there, at "
-        f"{recorded.at_s:.2f} s of its cell time. A recording answers the run that it is of, and "
-        "no other"
+        return say("arm: {name}: the recording has ended, and {now}", name=name, now=now)
+    return say(
+        "arm: {name}: {now}; the recording has {request} there, at "
+        "{at_s:.2f} s of its cell time. A recording answers the run that "
+        "it is of, and no other",
+        name=name,
+        now=now,
+        request=recorded.request.hex(" ").upper(),
+        at_s=recorded.at_s,
     )
 
 
@@ -310,13 +319,19 @@ class RecordedArm:
             try:
                 reader = WireReader(self._path)
             except WireFileError as error:
-                raise LinkError(f"arm: {error}") from error
+                raise LinkError(say("arm: {error}", error=error)) from error
             try:
                 exchanges = exchanges_of(reader, self._wire)
             finally:
                 reader.close()
             if not any(one.reply for one in exchanges):
-                raise LinkError(f"arm: {self._path}: no arm was recorded as `{self._wire}`")
+                raise LinkError(
+                    say(
+                        "arm: {path}: no arm was recorded as `{wire}`",
+                        path=self._path,
+                        wire=self._wire,
+                    )
+                )
             self._line = RecordedLine(exchanges, self._path.name)
         return RecordedTransport(self._line, self._clock)
 

@@ -12,6 +12,7 @@ from typing import Protocol
 import serial
 
 from drivers.errors import LinkError, UnpluggedError
+from messages import key, say
 
 from ..protocol import constants as c
 
@@ -61,7 +62,9 @@ class SerialTransport:
                 port, c.BAUD, timeout=0, write_timeout=0, rtscts=rtscts, exclusive=True
             )
         except (OSError, ValueError) as error:  # SerialException is an OSError
-            raise LinkError(f"arm: cannot open {port}: {error}") from error
+            raise LinkError(
+                say("arm: cannot open {port}: {error}", port=port, error=error)
+            ) from error
         self._fd: int = self._serial.fileno()
         self._loop.add_reader(self._fd, self._on_readable)
 
@@ -77,7 +80,7 @@ class SerialTransport:
             self._buffer += data
             self._arrived.set()
         elif self._has_hung_up():
-            self._fail("the line hung up")
+            self._fail(key("the line hung up"))
 
     def _has_hung_up(self) -> bool:
         """Return whether a read without data means that the other end is gone.
@@ -90,7 +93,7 @@ class SerialTransport:
         return bool(poll.poll(0))
 
     def _fail(self, why: str) -> None:
-        self._failure = UnpluggedError(f"arm: {self._port} is gone: {why}")
+        self._failure = UnpluggedError(say("arm: {port} is gone: {why}", port=self._port, why=why))
         self._loop.remove_reader(self._fd)  # a dead descriptor stays readable and would spin
         self._arrived.set()
 
@@ -107,14 +110,25 @@ class SerialTransport:
         try:
             sent_count = os.write(self._fd, data)
         except BlockingIOError as error:
-            raise LinkError(f"arm: {self._port} takes no bytes") from error
+            raise LinkError(say("arm: {port} takes no bytes", port=self._port)) from error
         except OSError as error:
             if error.errno in _GONE:
                 self._fail(str(error))
-                raise UnpluggedError(f"arm: {self._port} is gone: {error}") from error
-            raise LinkError(f"arm: cannot write to {self._port}: {error}") from error
+                raise UnpluggedError(
+                    say("arm: {port} is gone: {error}", port=self._port, error=error)
+                ) from error
+            raise LinkError(
+                say("arm: cannot write to {port}: {error}", port=self._port, error=error)
+            ) from error
         if sent_count != len(data):
-            raise LinkError(f"arm: {self._port} took {sent_count} of {len(data)} bytes")
+            raise LinkError(
+                say(
+                    "arm: {port} took {sent_count} of {data_count} bytes",
+                    port=self._port,
+                    sent_count=sent_count,
+                    data_count=len(data),
+                )
+            )
 
     async def read(self, timeout_wall_s: float) -> bytes:
         """Return the bytes received, after waiting [wall s] for a first one; b"" if none came.
@@ -152,5 +166,5 @@ class SerialTransport:
         if self._serial.is_open:
             self._loop.remove_reader(self._fd)
             self._serial.close()
-            self._failure = UnpluggedError(f"arm: {self._port} is closed")
+            self._failure = UnpluggedError(say("arm: {port} is closed", port=self._port))
             self._arrived.set()

@@ -23,6 +23,7 @@ from drivers.errors import (
     SilentLineError,
     WrongDeviceError,
 )
+from messages import key, say
 
 from ..protocol import constants as c
 from ..protocol.codec import Reply, ReplyReader, encode_simple, is_go, is_query, looks_like_text
@@ -31,9 +32,10 @@ from ._transport import Transport
 
 wire_log = logging.getLogger("cellctl.wire.arm")
 
-SILENT: Final = "nothing answers: check power, cable, boards"  # §8.8
+SILENT: Final = key("nothing answers: check power, cable, boards")  # §8.8
 _ATTEMPT_COUNT: Final = 3  # §2.9, for queries
-_STAY_AWAY: Final = (
+_CHECK: Final = key("check power, cable, boards")
+_STAY_AWAY: Final = key(
     "whether the arm has stopped is unknown, and a motion that was started may go on to its "
     "target. Press the emergency stop if anything moves, then"
 )
@@ -203,7 +205,7 @@ class Wire:
         await self._pace()
         if stale := await self._transport.read(0):
             await self._judge_stale(stale)
-            raise BadReplyError(f"arm: {stale.hex(' ').upper()} came unasked")
+            raise BadReplyError(say("arm: {stale} came unasked", stale=stale.hex(" ").upper()))
         started_s = self._last_start_s = self._clock.now_s()
         ip = self.listening
         reader = ReplyReader(request)
@@ -258,8 +260,12 @@ class Wire:
             self._last_start_s = self._clock.now_s()
             self._transport.write(encode_simple(Simple.DEAD_STOP))
         raise LineUncertainError(
-            f"arm: {received.hex(' ').upper()} came back for {request.hex(' ').upper()}: it may "
-            "have reached the arm as another command; both boards were stopped",
+            say(
+                "arm: {received} came back for {request}: it may have reached the "
+                "arm as another command; both boards were stopped",
+                received=received.hex(" ").upper(),
+                request=request.hex(" ").upper(),
+            ),
             may_have_zeroed=may_be_define_home(request),
         )
 
@@ -293,14 +299,24 @@ class Wire:
             if self._heard_nothing or mute_s >= self._silence_limit_s() - 1e-6:
                 self._is_silent, self.listening = True, None
                 raise SilentLineError(
-                    f"arm: no byte came back for {mute_s:.2f} s (last request "
-                    f"{request.hex(' ').upper()}): {_STAY_AWAY} {SILENT.partition(': ')[2]}"
+                    say(
+                        "arm: no byte came back for {mute_s:.2f} s (last request "
+                        "{request}): {stay_away} {check}",
+                        mute_s=mute_s,
+                        request=request.hex(" ").upper(),
+                        stay_away=_STAY_AWAY,
+                        check=_CHECK,
+                    )
                 )
         self.owes_reply = self.owes_reply or not reader.data
-        got = f"only {reader.data.hex(' ').upper()} of a" if reader.data else "no"
+        got = say("only {data} of a", data=reader.data.hex(" ").upper()) if reader.data else "no"
         raise ReplyTimeoutError(
-            f"arm: {got} reply to {request.hex(' ').upper()} "
-            f"within {self._config.reply_timeout_s:.3f} s"
+            say(
+                "arm: {got} reply to {request} within {reply_timeout_s:.3f} s",
+                got=got,
+                request=request.hex(" ").upper(),
+                reply_timeout_s=self._config.reply_timeout_s,
+            )
         )
 
     async def _look_again(self) -> bytes:
@@ -347,10 +363,13 @@ class Wire:
                 silent_at_s = clock.attended_s() + silence_s
                 self.suspect += data
                 if clock.attended_s() > until_s:
-                    raise BadReplyError("arm: the line never falls silent")
+                    raise BadReplyError(key("arm: the line never falls silent"))
         if looks_like_text(self.suspect):
             raise WrongDeviceError(
-                f"arm: unsupported ROM or monitor mode: it answered {self.suspect[:60]!r}"
+                say(
+                    "arm: unsupported ROM or monitor mode: it answered {suspect}",
+                    suspect=repr(self.suspect[:60]),
+                )
             )
         self.suspect = b""
 

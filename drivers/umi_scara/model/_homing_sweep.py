@@ -14,6 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from messages import key
+
 from ..protocol import constants as c
 from . import kinematics
 
@@ -80,34 +82,34 @@ def homing_sweep(low: Floats, high: Floats) -> tuple[SweepPhase, ...]:
     for axis in range(6):
         spread(axis, low[axis], high[axis])
     high[_ZED] = most[_ZED]
-    add("zed goes up to its stop")
+    add(key("zed goes up to its stop"))
     rest_at(_ZED, 0.0, _SLACK[_ZED])
     off_hand = off[2] + share * off[_ELBOW]
     for axis, slack in ((_ELBOW, off[_ELBOW]), (_HAND, off_hand)):
         spread_to(axis, 0.0, slack)
-    add("elbow and yaw straighten")
+    add(key("elbow and yaw straighten"))
     rest_at(_ELBOW, 0.0, off[_ELBOW])
     rest_at(_HAND, 0.0, off_hand)
     spread_to(_SHOULDER, _ASIDE_RAD, off[_SHOULDER])
-    add("the shoulder goes aside")
+    add(key("the shoulder goes aside"))
     rest_at(_SHOULDER, _ASIDE_RAD, off[_SHOULDER])
     spread(_ELBOW, -off[_ELBOW], most[_ELBOW])
     # the yaw motor stands still meanwhile: the third angle is its own
     rest_at(_HAND, 0.0, off[2])
     phases.append(
-        SweepPhase("the elbow goes to its stop", low.copy(), high.copy(), np.eye(len(low)))
+        SweepPhase(key("the elbow goes to its stop"), low.copy(), high.copy(), np.eye(len(low)))
     )
     rest_at(_ELBOW, 0.0, _SLACK[_ELBOW])
     spread(_HAND, least[_HAND], off_hand)
-    add("the yaw goes to its stop")
+    add(key("the yaw goes to its stop"))
     rest_at(_HAND, 0.0, _SLACK[_HAND])
     spread(_SHOULDER, _ASIDE_RAD - off[_SHOULDER], most[_SHOULDER])
-    add("the shoulder goes to its stop")
+    add(key("the shoulder goes to its stop"))
     rest_at(_SHOULDER, 0.0, _SLACK[_SHOULDER])
     spread(_ZED, c.KEEPING_ZED_COUNTS / c.ZED_COUNTS_PER_MM - _SLACK[_ZED], most[_ZED])
     for axis in (_PITCH, _ROLL):
         spread(axis, least[axis], max(high[axis] + _UNEVEN_RAD, _SLACK[axis]))
-    add("the wrist goes to its stops")
+    add(key("the wrist goes to its stops"))
     return tuple(phases)
 
 

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
 
+from messages import say
+
 from ..protocol import constants as c
 from .limits import OutOfRangeError
 
@@ -64,7 +66,11 @@ class GripperLaw:
         """
         if not 0 <= opening_mm <= self.max_opening_mm + 1e-9:
             raise OutOfRangeError(
-                f"gripper ({opening_mm:.1f} mm of 0 to {self.max_opening_mm:.1f} mm)",
+                say(
+                    "gripper ({opening_mm:.1f} mm of 0 to {max_opening_mm:.1f} mm)",
+                    opening_mm=opening_mm,
+                    max_opening_mm=self.max_opening_mm,
+                ),
                 self._inverse(max(opening_mm, 0.0)),
                 c.GRIPPER_RANGE[0 if opening_mm < 0 else 1],
             )

@@ -17,6 +17,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from messages import key
+
 from ..protocol import constants as c
 from .limits import COUNTS_ORDER, limit_margins, worst_violation
 
@@ -201,7 +203,7 @@ def within_limits(q: ArrayLike) -> NDArray[np.bool_]:
 def limit_report(q: ArrayLike) -> str:
     """Return the worst passed limit of one q (6,), and by how much; "within limits" if none is."""
     violation = worst_violation(np.rint(np.asarray(q, dtype=np.float64) @ _COUNTS_PER_Q))
-    return "within limits" if violation is None else str(violation)
+    return key("within limits") if violation is None else str(violation)
 
 
 # ---- forward -----------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.errors import DeviceError
+from messages import key, say
 
 from ..protocol import constants as c
 
@@ -37,7 +38,15 @@ class OutOfRangeError(DeviceError, ValueError):
     """
 
     def __init__(self, axis: str, asked: float, limit: float, detail: str = "") -> None:
-        super().__init__(f"{axis}: {asked:.1f} counts required, the limit is {limit:g}{detail}")
+        super().__init__(
+            say(
+                "{axis}: {asked:.1f} counts required, the limit is {limit:g}{detail}",
+                axis=axis,
+                asked=asked,
+                limit=limit,
+                detail=detail,
+            )
+        )
         self.axis = axis
         self.asked = asked
         self.limit = limit
@@ -61,17 +70,21 @@ LIMITS: Final = (
     Limit("shoulder", (0, 1, 0, 0, 0, 0), *c.SHOULDER_RANGE, c.SHOULDER_COUNTS_PER_DEG, "deg"),
     Limit("zed", (0, 0, 1, 0, 0, 0), *c.ZED_RANGE, c.ZED_COUNTS_PER_MM, "mm"),
     Limit(
-        "pitch (W1 + W2)", (0, 0, 0, 1, 1, 0), *c.WRIST_SUM_RANGE, 2 * c.WRIST_COUNTS_PER_DEG, "deg"
+        key("pitch (W1 + W2)"),
+        (0, 0, 0, 1, 1, 0),
+        *c.WRIST_SUM_RANGE,
+        2 * c.WRIST_COUNTS_PER_DEG,
+        "deg",
     ),
     Limit(
-        "roll (W1 - W2)",
+        key("roll (W1 - W2)"),
         (0, 0, 0, 1, -1, 0),
         *c.WRIST_DIFFERENCE_RANGE,
         2 * c.WRIST_COUNTS_PER_DEG,
         "deg",
     ),
     Limit(
-        "yaw of the gripper (Y - E/3)",
+        key("yaw of the gripper (Y - E/3)"),
         (-_THIRD, 0, 0, 0, 0, 1),
         *c.YAW_LESS_ELBOW_RANGE,
         c.YAW_COUNTS_PER_DEG,
@@ -118,7 +131,7 @@ def worst_violation(
     """Return the error that `check_limits` raises, or None; `counts` is (6,)."""
     row = np.asarray(counts, dtype=np.float64)
     if not np.isfinite(row).all():
-        return OutOfRangeError("arm", float("nan"), float("nan"), " (no such pose)")
+        return OutOfRangeError("arm", float("nan"), float("nan"), key(" (no such pose)"))
     margins = limit_margins(row)
     is_moved = np.array([axis in moved for axis in COUNTS_ORDER])
     concerned = (_WEIGHTS[:, is_moved] != 0).any(axis=1)
@@ -134,6 +147,10 @@ def worst_violation(
         limit.name,
         asked,
         bound,
-        f", passed by {excess:.2f} {limit.unit} "
-        f"({bound / limit.counts_per_unit:.1f} {limit.unit} is the end)",
+        say(
+            ", passed by {excess:.2f} {unit} ({bound:.1f} {unit} is the end)",
+            excess=excess,
+            unit=limit.unit,
+            bound=bound / limit.counts_per_unit,
+        ),
     )

@@ -12,6 +12,7 @@ from typing import NoReturn, TypeVar
 
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, DeviceError, PositionLostError, RefusedError
+from messages import key, say
 
 from ..line import Guard, LineUncertainError, Link, breaks_step
 from ..protocol import codec
@@ -32,7 +33,9 @@ _FASTEST_FIRST = sorted(Axis, key=lambda axis: -c.NOMINAL_COUNTS_PER_S[axis])
 
 def _the(kind: type[R], reply: Reply) -> R:
     if not isinstance(reply, kind):
-        raise BadReplyError(f"arm: {reply} where a {kind.__name__} was due")
+        raise BadReplyError(
+            say("arm: {reply} where a {name} was due", reply=reply, name=kind.__name__)
+        )
     return reply
 
 
@@ -105,7 +108,7 @@ class Axes:
         ------
         LineUncertainError : always; both IPs have had a dead stop by then
         """
-        error = LineUncertainError(f"arm: {why}; both boards were stopped")
+        error = LineUncertainError(say("arm: {why}; both boards were stopped", why=why))
         self._note_uncertain(error)
         await self.halt(Simple.DEAD_STOP)
         raise error
@@ -153,7 +156,7 @@ class Axes:
         One wrong bit turns it into a go (`22` and `A2`, `24` and `A4`).
         """
         if await self.general_status(ip) & StatusBits.MOVING:
-            await self.halt_uncertain(f"IP{ip:d} moves without an order")
+            await self.halt_uncertain(say("IP{ip:d} moves without an order", ip=ip))
 
     async def halt(self, command: Simple, *, verifies: bool = True) -> None:
         """Send a stop to both IPs, ahead of everything else."""
@@ -244,12 +247,17 @@ class Axes:
         if await self._differs(axis, parameter, value):
             if is_acknowledged:
                 await self.halt_uncertain(
-                    f"what was written for {axis.name.lower()} went elsewhere"
+                    say("what was written for {name} went elsewhere", name=axis.name.lower())
                 )
             await self._exchange(ip, *frames, guard=guard)
             if await self._differs(axis, parameter, value):
                 await self.halt_uncertain(
-                    f"{parameter.name} of {axis.name.lower()} does not take {value}"
+                    say(
+                        "{name} of {name2} does not take {value}",
+                        name=parameter.name,
+                        name2=axis.name.lower(),
+                        value=value,
+                    )
                 )
         self._written[axis, parameter] = value
 
@@ -309,12 +317,16 @@ class Axes:
             if not await self.status(axis) & (StatusBits.MOVING | c.FAULT_BITS):
                 if guard is not None:
                     guard()
-                await self.halt_uncertain(f"{axis.name.lower()} was sent off and stands still")
+                await self.halt_uncertain(
+                    say("{name} was sent off and stands still", name=axis.name.lower())
+                )
         for axis in _FASTEST_FIRST:
             if ADDRESSES[axis].ip is not ip or axis in drives:
                 continue
             if await self.status(axis) & StatusBits.MOVING:
-                await self.halt_uncertain(f"{axis.name.lower()} moves without an order")
+                await self.halt_uncertain(
+                    say("{name} moves without an order", name=axis.name.lower())
+                )
 
     async def numeric_go(self, ip: Ip, axes: Iterable[Axis], guard: Guard) -> None:
         """Start motors of one IP towards their NEW_POSITION (§2.7).
@@ -360,7 +372,7 @@ class Axes:
                 if not breaks_step(error):
                     raise
             if self.clock.attended_s() > until_s:
-                raise BadReplyError("arm: no go gets through")
+                raise BadReplyError(key("arm: no go gets through"))
             if await self._any(started, StatusBits.MOVING | c.FAULT_BITS):
                 return
 
@@ -391,7 +403,13 @@ class Axes:
             if abs(now - before) <= _DITHER_COUNTS:
                 return now
             before = now
-        raise BadReplyError(f"arm: {parameter.name} of {axis.name.lower()} reads differently")
+        raise BadReplyError(
+            say(
+                "arm: {name} of {name2} reads differently",
+                name=parameter.name,
+                name2=axis.name.lower(),
+            )
+        )
 
     async def _any(self, axes: Iterable[Axis], bits: StatusBits) -> bool:
         for axis in axes:

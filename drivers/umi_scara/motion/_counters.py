@@ -7,6 +7,8 @@ only witnesses: an axis that rested far from zero and still reads so excludes it
 
 from collections.abc import Iterable, Mapping
 
+from messages import say
+
 from ..protocol.constants import ADDRESSES, Axis, Ip
 
 Known = dict[Axis, tuple[int, int]]
@@ -28,8 +30,12 @@ def judge_counters(
     """
     for axis, (low, high) in known.items():
         if not low - _SLACK_COUNTS <= counts[axis] <= high + _SLACK_COUNTS:
-            return (
-                f"{axis.name.lower()} reads {counts[axis]} counts, it was last at {low} to {high}"
+            return say(
+                "{name} reads {counts} counts, it was last at {low} to {high}",
+                name=axis.name.lower(),
+                counts=counts[axis],
+                low=low,
+                high=high,
             )
     for ip in Ip if may_be_zeroed else ():
         witnesses = [
@@ -38,7 +44,9 @@ def judge_counters(
             if ADDRESSES[axis].ip is ip and low == high and abs(low) > _SLACK_COUNTS
         ]
         if not witnesses:
-            return f"no axis of IP{ip:d} rests far enough from zero to prove its counters"
+            return say(
+                "no axis of IP{ip:d} rests far enough from zero to prove its counters", ip=ip
+            )
     return ""
 
 
@@ -62,14 +70,17 @@ def judge_kept_counters(
         if ADDRESSES[axis].ip not in boards:
             continue
         if not low - _SLACK_COUNTS <= counts[axis] <= high + _SLACK_COUNTS:
-            return (
-                f"{axis.name.lower()} reads {counts[axis]} counts, it was sent between {low} and "
-                f"{high}"
+            return say(
+                "{name} reads {counts} counts, it was sent between {low} and {high}",
+                name=axis.name.lower(),
+                counts=counts[axis],
+                low=low,
+                high=high,
             )
     for ip in sorted(boards):
         of_ip = {axis: ends for axis, ends in between.items() if ADDRESSES[axis].ip is ip}
         is_far = any(abs(counts[axis]) > _SLACK_COUNTS for axis in of_ip)
         is_zero = all(max(map(abs, ends)) <= _SLACK_COUNTS for ends in of_ip.values())
         if not of_ip or not (is_far or is_zero):
-            return f"all axes of IP{ip:d} read zero, as after a restart"
+            return say("all axes of IP{ip:d} read zero, as after a restart", ip=ip)
     return ""

@@ -6,6 +6,7 @@ Sections (§) are those of umi_rtx.md.
 from typing import Final
 
 from drivers.kinds import MotorTry
+from messages import say
 
 from ..line import Guard
 from ..protocol import constants as c
@@ -79,7 +80,7 @@ async def _go(axes: Axes, axis: Axis, counts: int, guard: Guard) -> int:
         rest_poll_count = rest_poll_count + 1 if is_at_rest else 0
         guard()
         if axes.clock.attended_s() > until_s:
-            raise HomingError(f"arm: {axis.name.lower()} does not come to rest")
+            raise HomingError(say("arm: {name} does not come to rest", name=axis.name.lower()))
         if not rest_poll_count:
             await axes.pause()
     return await axes.read_actual_twice(axis)

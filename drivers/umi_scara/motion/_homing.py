@@ -9,6 +9,7 @@ Sections (§) are those of umi_rtx.md.
 import logging
 
 from drivers.kinds import Confirm
+from messages import key, say
 
 from ..line import Guard
 from ..protocol import constants as c
@@ -55,7 +56,7 @@ class Homing:
         """
         await self.prepare()
         for what, home in (
-            ("zed goes up to its stop", self._home_zed),
+            (key("zed goes up to its stop"), self._home_zed),
             ("the jaws close", self._home_gripper),
             ("the elbow turns a little, then the wrist turns to its stops", self._home_wrist),
             ("the shoulder turns to its stop", self._home_shoulder),
@@ -148,7 +149,9 @@ class Homing:
                 return
             log.info("the shoulder was %d counts short of its stop", further)
             await self._home_elbow_and_yaw()
-        raise HomingError("arm: the shoulder stalls elsewhere each time; clear what is in its way")
+        raise HomingError(
+            key("arm: the shoulder stalls elsewhere each time; clear what is in its way")
+        )
 
     async def _home_elbow_and_yaw(self) -> None:
         await self._stops.write(Axis.ELBOW, Parameter.SPEED, 80)
@@ -184,7 +187,13 @@ class Homing:
         """
         origin = await self._axes.read_twice(axis, Parameter.CURRENT_POSITION)
         if abs(origin) > _ORIGIN_COUNTS:
-            raise HomingError(f"arm: {axis.name.lower()} has its origin at {origin} counts")
+            raise HomingError(
+                say(
+                    "arm: {name} has its origin at {origin} counts",
+                    name=axis.name.lower(),
+                    origin=origin,
+                )
+            )
         await self._stops.write(axis, Parameter.NEW_POSITION, counts)
         await self._axes.numeric_go(ADDRESSES[axis].ip, [axis], self._guard)
         until_s = self._axes.deadline_s(self._config.timeout_s)
@@ -194,12 +203,19 @@ class Homing:
             rest_poll_count = 0 if bits & StatusBits.MOVING else rest_poll_count + 1
             self._guard()
             if self._axes.clock.attended_s() > until_s:
-                raise HomingError(f"arm: {axis.name.lower()} does not come to rest")
+                raise HomingError(say("arm: {name} does not come to rest", name=axis.name.lower()))
             if not rest_poll_count:
                 await self._axes.pause()
         got = await self._axes.read_twice(axis, Parameter.CURRENT_POSITION)
         if abs(got - counts) > _ORIGIN_COUNTS and not bits & c.FAULT_BITS:
-            raise HomingError(f"arm: {axis.name.lower()} was sent to {counts} and is at {got}")
+            raise HomingError(
+                say(
+                    "arm: {name} was sent to {counts} and is at {got}",
+                    name=axis.name.lower(),
+                    counts=counts,
+                    got=got,
+                )
+            )
 
     async def _origin_after(self, axis: Axis) -> None:
         """Set origin and target to the end of a creep."""

@@ -11,6 +11,7 @@ Sections (§) are those of umi_rtx.md.
 from collections.abc import Mapping
 
 from drivers.errors import PositionLostError
+from messages import say
 
 from ..line import Guard
 from ..protocol import constants as c
@@ -128,8 +129,11 @@ class KeepingHoming:
             origin = min((0, known), key=lambda counts: abs(before - counts))
             if abs(before - origin) > JAWS_SLACK_COUNTS:
                 raise PositionLostError(
-                    f"arm: its jaws were moved by {before - origin} counts while their opening was "
-                    "not known; take out what they hold"
+                    say(
+                        "arm: its jaws were moved by {before} counts while their opening "
+                        "was not known; take out what they hold",
+                        before=before - origin,
+                    )
                 )
         await self._stops.write(gripper, Parameter.SPEED, _SPEED)
         await self._stops.write(gripper, Parameter.MAX_FORCE, self._force)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from math import ceil
 
 from drivers.errors import ArmStalledError
+from messages import key, say
 
 from ..line import Guard
 from ..protocol import constants as c
@@ -25,8 +26,13 @@ class AxisStalledError(ArmStalledError):
 
     def __init__(self, axis: Axis, required_counts: int, got_counts: int, why: str) -> None:
         super().__init__(
-            f"arm: {axis.name.lower()} {why}: {required_counts} counts required, "
-            f"it is at {got_counts}"
+            say(
+                "arm: {name} {why}: {required_counts} counts required, it is at {got_counts}",
+                name=axis.name.lower(),
+                why=why,
+                required_counts=required_counts,
+                got_counts=got_counts,
+            )
         )
         self.axis = axis
         self.required_counts = required_counts
@@ -193,7 +199,7 @@ class MoveWatch:
         if bits & StatusBits.STALLED:
             why = "stalled"
         else:
-            why = f"fell behind its error limit, by {error} counts"
+            why = say("fell behind its error limit, by {error} counts", error=error)
         raise AxisStalledError(axis, self._targets[axis], got, why)
 
     async def _give_up(self, moving: set[Ip]) -> None:
@@ -202,7 +208,10 @@ class MoveWatch:
         got = await self._axes.read_actuals(late)
         worst = max(late, key=lambda axis: abs(got[axis] - self._targets[axis]))
         raise AxisStalledError(
-            worst, self._targets[worst], got[worst], f"moves after {self._deadline_s:.1f} s"
+            worst,
+            self._targets[worst],
+            got[worst],
+            say("moves after {deadline_s:.1f} s", deadline_s=self._deadline_s),
         )
 
 
@@ -232,6 +241,6 @@ async def verify_arrival(
             return got
         if axes.clock.attended_s() > until_s:
             await axes.halt(Simple.DEAD_STOP)
-            why = "rests off its target (is motor power on?)"
+            why = key("rests off its target (is motor power on?)")
             raise AxisStalledError(worst, targets[worst], got[worst], why)
         await axes.pause()

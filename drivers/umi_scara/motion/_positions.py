@@ -6,6 +6,7 @@ Sections (§) are those of umi_rtx.md.
 from collections.abc import Callable, Iterable, Mapping
 
 from drivers.errors import PositionLostError
+from messages import say
 
 from ..line import Guard, LineUncertainError
 from ..protocol.constants import Axis, Parameter, Simple
@@ -173,8 +174,11 @@ class Positions:
             if why := judge_counters(self._known, counts, self._may_be_zeroed):
                 self._on_lost()
                 raise PositionLostError(
-                    f"arm: {why} after a fault on its line: positions are no longer known; "
-                    "connect and home again"
+                    say(
+                        "arm: {why} after a fault on its line: positions are no longer "
+                        "known; connect and home again",
+                        why=why,
+                    )
                 )
             self._may_be_relabelled = self._may_be_zeroed = False
         return counts

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from drivers.errors import DeviceError
+from messages import say
 
 from ..line import Guard
 from ..protocol import constants as c
@@ -122,7 +123,13 @@ class Stops:
             if self._axes.clock.attended_s() > until_s:
                 waiting = [axis for axis, b in bits.items() if not b & StatusBits.STALLED]
                 names = ", ".join(axis.name.lower() for axis in waiting or drives)
-                raise HomingError(f"arm: {names} found no stop within {timeout_s:.0f} s")
+                raise HomingError(
+                    say(
+                        "arm: {names} found no stop within {timeout_s:.0f} s",
+                        names=names,
+                        timeout_s=timeout_s,
+                    )
+                )
             await self._axes.pause()
 
     def _check(self, bits: Mapping[Axis, StatusBits]) -> None:
@@ -130,7 +137,10 @@ class Stops:
         for axis, b in bits.items():
             if b & ended == StatusBits.FOLLOWING_ERROR:
                 raise HomingError(
-                    f"arm: {axis.name.lower()} fell behind its error limit before its stop"
+                    say(
+                        "arm: {name} fell behind its error limit before its stop",
+                        name=axis.name.lower(),
+                    )
                 )
 
     async def verify_label(self, axis: Axis, wanted: int) -> None:
@@ -150,4 +160,10 @@ class Stops:
             if abs(got - wanted) <= _DITHER_COUNTS:
                 return
             await self._axes.label(axis, wanted, self._guard)
-        raise HomingError(f"arm: {axis.name.lower()} does not take its label {wanted}")
+        raise HomingError(
+            say(
+                "arm: {name} does not take its label {wanted}",
+                name=axis.name.lower(),
+                wanted=wanted,
+            )
+        )

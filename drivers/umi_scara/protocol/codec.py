@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from drivers.errors import BadReplyError, PositionLostError, RefusedError, WrongDeviceError
+from messages import key, say
 
 from . import constants as c
 from .constants import Drive, Ip, Mode, Parameter, Simple, StatusBits
@@ -273,18 +274,27 @@ class ReplyReader:
             return None
         if looks_like_text(self.data):
             raise WrongDeviceError(
-                f"unsupported ROM or monitor mode: it answers in text, {self.data!r}"
+                say(
+                    "unsupported ROM or monitor mode: it answers in text, {data}",
+                    data=repr(self.data),
+                )
             )
         head = self._data[0]
         if self._request[0] == Simple.RESET and len(self._data) == 1:
             return _ACKNOWLEDGED  # the reply byte of a reset is specified nowhere (§1.5)
         if head >> 4 not in _CLASSES:
-            raise self._bad("begins with a byte that the protocol does not have")
+            raise self._bad(key("begins with a byte that the protocol does not have"))
         length = 3 if head >> 4 in _THREE_BYTE_CLASSES or self._asks_version(head) else 1
         if len(self._data) < length:
             return None
         if len(self._data) > length:
-            raise self._bad(f"has {len(self._data)} bytes where {length} are due")
+            raise self._bad(
+                say(
+                    "has {data_count} bytes where {length} are due",
+                    data_count=len(self._data),
+                    length=length,
+                )
+            )
         return self._parse(head)
 
     def _asks_version(self, head: int) -> bool:
@@ -292,7 +302,12 @@ class ReplyReader:
 
     def _bad(self, what: str) -> BadReplyError:
         return BadReplyError(
-            f"the reply {self.data.hex(' ').upper()} to {self._request.hex(' ').upper()} {what}"
+            say(
+                "the reply {data} to {request} {what}",
+                data=self.data.hex(" ").upper(),
+                request=self._request.hex(" ").upper(),
+                what=what,
+            )
         )
 
     def _parse(self, head: int) -> Reply:
@@ -303,7 +318,7 @@ class ReplyReader:
         if kind == 0 and (not expected or self._request[0] == Simple.GO):
             return _ACKNOWLEDGED
         if kind not in expected:
-            raise self._bad("belongs to another kind of request")
+            raise self._bad(key("belongs to another kind of request"))
         if kind == 0x1:
             return self._status(head)
         if kind == 0x2:
@@ -313,26 +328,44 @@ class ReplyReader:
         payload = self._data[1:] if kind in (0x8, 0xD) else self._request[1:]
         value = int.from_bytes(payload, "little", signed=True)
         if low != checksum(value):
-            raise self._bad(f"fails its checksum: {checksum(value):X} belongs to {value}")
+            raise self._bad(
+                say(
+                    "fails its checksum: {checksum:X} belongs to {value}",
+                    checksum=checksum(value),
+                    value=value,
+                )
+            )
         return Value(value) if kind in (0x8, 0xD) else _ACKNOWLEDGED
 
     def _refusal(self, code: int) -> PositionLostError | RefusedError:
         asked = self._request.hex(" ").upper()
         if code in c.RESTARTED_CODES:
             return PositionLostError(
-                f"arm: an IP has restarted (it answers {code:02X} to {asked}): "
-                "all positions are lost; connect and home again"
+                say(
+                    "arm: an IP has restarted (it answers {code:02X} to {asked}): all "
+                    "positions are lost; connect and home again",
+                    code=code,
+                    asked=asked,
+                )
             )
-        return RefusedError(f"arm: {c.REPLY_TEXTS[code]} ({code:02X}) in answer to {asked}", code)
+        return RefusedError(
+            say(
+                "arm: {reply_texts} ({code:02X}) in answer to {asked}",
+                reply_texts=c.REPLY_TEXTS[code],
+                code=code,
+                asked=asked,
+            ),
+            code,
+        )
 
     def _status(self, head: int) -> Status:
         if head != self._request[0]:
-            raise self._bad("is the status of another controller")
+            raise self._bad(key("is the status of another controller"))
         ctl = None if head == Simple.GENERAL_STATUS else head - c.CONTROLLER_STATUS
         return Status(ctl, StatusBits(self._data[1]), self._data[2])
 
     def _identity(self, head: int) -> Identity | Version:
         if head & 0x7 not in (0, 1) or head & 0x8:
-            raise self._bad("names an IP that an arm does not have")
+            raise self._bad(key("names an IP that an arm does not have"))
         ip = Ip(head & 0x7)
         return Version(ip, self._data[1], self._data[2]) if len(self._data) == 3 else Identity(ip)

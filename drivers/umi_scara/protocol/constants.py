@@ -7,6 +7,8 @@ from enum import IntEnum, IntFlag
 from fractions import Fraction
 from typing import Final, NamedTuple
 
+from messages import key
+
 # ---- line (§1.1, §1.2) ---------------------------------------------------------------------------
 BAUD: Final = 9600  # §1.1; 8 data bits, no parity, 1 stop bit, no flow control
 MIN_SPACING_S: Final = 0.008  # §1.2 start of request to start of request
@@ -171,19 +173,19 @@ class StatusBits(IntFlag):
 FAULT_BITS: Final = StatusBits.FOLLOWING_ERROR | StatusBits.STALLED  # §2.8
 
 REPLY_TEXTS: Final = {  # §2.9
-    0x01: "in progress",
+    0x01: key("in progress"),
     0x02: "stored",
-    0x03: "axis busy",
-    0x04: "IP or decoder busy",
-    0x05: "parameter out of range",
-    0x06: "read-only parameter",
-    0x07: "read-only parameter",
-    0x08: "selection (ctl) out of range",
-    0x09: "command out of range",
-    0x0A: "command not supported",
-    0x0B: "frame timeout: request bytes missing",
-    0x0C: "frame overrun: too many or too early bytes",
-    0x0D: "parity error",
+    0x03: key("axis busy"),
+    0x04: key("IP or decoder busy"),
+    0x05: key("parameter out of range"),
+    0x06: key("read-only parameter"),
+    0x07: key("read-only parameter"),
+    0x08: key("selection (ctl) out of range"),
+    0x09: key("command out of range"),
+    0x0A: key("command not supported"),
+    0x0B: key("frame timeout: request bytes missing"),
+    0x0C: key("frame overrun: too many or too early bytes"),
+    0x0D: key("parity error"),
 }
 RETRY_CODES: Final = frozenset({0x01, 0x02, 0x04})  # §2.9: ask again after 10 ms
 AXIS_BUSY: Final = 0x03  # §2.9

@@ -3,6 +3,7 @@
 from drivers.clock import CellClock
 from drivers.gripper_modbus import Gripper, GripperConfig, GripperStatus
 from drivers.modbus_link import ModbusLink, TcpAddress
+from messages import key, say
 
 from ._reading import JawState
 
@@ -22,12 +23,12 @@ class ModbusJaws:
     def __init__(self, address: TcpAddress, clock: CellClock, config: GripperConfig) -> None:
         self._address, self._clock, self._config = address, clock, config
         self._link = ModbusLink(address, clock)
-        self._gripper = Gripper(self._link, config, "arm gripper")
+        self._gripper = Gripper(self._link, config, key("arm gripper"))
 
     @property
     def model(self) -> str:
         """Name in messages and the journal."""
-        return f"{self._gripper.model} by Modbus"
+        return say("{model} by Modbus", model=self._gripper.model)
 
     @property
     def max_opening_mm(self) -> float:
@@ -43,7 +44,7 @@ class ModbusJaws:
         """Open the line; return the first reading."""
         await self.aclose()
         self._link = ModbusLink(self._address, self._clock)
-        self._gripper = Gripper(self._link, self._config, "arm gripper")
+        self._gripper = Gripper(self._link, self._config, key("arm gripper"))
         return _state(await self._gripper.connect())
 
     async def read(self) -> JawState:

@@ -17,6 +17,7 @@ from drivers.errors import (
     StalledError,
 )
 from drivers.gripper_modbus import Counts, GripperConfig
+from messages import key, say
 
 from ..ports import Stream, open_stream
 from ._reading import JawState
@@ -96,7 +97,10 @@ class UrcapJaws:
         contact, position, fault = [await self._get(name) or 0 for name in ("OBJ", "POS", "FLT")]
         if fault not in MINOR_FAULTS:
             raise FaultError(
-                f"arm gripper: fault {fault}; see its light and the Robotiq page on the pendant",
+                say(
+                    "arm gripper: fault {fault}; see its light and the Robotiq page on the pendant",
+                    fault=fault,
+                ),
                 fault,
             )
         is_active = status == ACTIVE
@@ -123,8 +127,11 @@ class UrcapJaws:
             self._guard(stop_count)
             if self._clock.attended_s() > until_s:
                 raise StalledError(
-                    f"arm gripper: not active after {ACTIVATION_S:g} s; see that it is plugged in "
-                    "and its jaws are free, and its light"
+                    say(
+                        "arm gripper: not active after {activation_s:g} s; see that it is "
+                        "plugged in and its jaws are free, and its light",
+                        activation_s=ACTIVATION_S,
+                    )
                 )
             if not is_ordered and await self._get("STA") is not None:
                 await self._set("ACT 0")
@@ -151,7 +158,10 @@ class UrcapJaws:
         before = await self.read()
         if not before.is_activated:
             raise PositionLostError(
-                "arm gripper: not active: it had no power; home the arm, which opens and shuts it"
+                key(
+                    "arm gripper: not active: it had no power; home the arm, which opens and "
+                    "shuts it"
+                )
             )
         speed_mm_s = max(self._config.default_speed_mm_s * speed_share, self._config.min_speed_mm_s)
         limit_s = MOVE_MARGIN * abs(before.opening_mm - opening_mm) / speed_mm_s + MOVE_MARGIN_S
@@ -174,14 +184,18 @@ class UrcapJaws:
             if self._clock.attended_s() - begun_s > limit_s:
                 await self.stop()
                 raise StalledError(
-                    f"arm gripper: still moving after {limit_s:.1f} s, stopped at "
-                    f"{state.opening_mm:.1f} mm; look at the jaws"
+                    say(
+                        "arm gripper: still moving after {limit_s:.1f} s, stopped at "
+                        "{opening_mm:.1f} mm; look at the jaws",
+                        limit_s=limit_s,
+                        opening_mm=state.opening_mm,
+                    )
                 )
             await self._clock.sleep(POLL_S)
 
     def _guard(self, stop_count: int) -> None:
         if stop_count != self._stop_count:
-            raise MotionStoppedError("arm gripper: stopped on request")
+            raise MotionStoppedError(key("arm gripper: stopped on request"))
 
     async def stop(self) -> None:
         """Stop jaws that are under way; those that hold something go on holding."""
@@ -196,13 +210,26 @@ class UrcapJaws:
             return None
         given, _, value = answer.partition(" ")
         if given != name or not value.strip().isdigit():
-            raise BadReplyError(f"arm gripper: `GET {name}` was answered by {answer[:40]!r}")
+            raise BadReplyError(
+                say(
+                    "arm gripper: `GET {name}` was answered by {answer}",
+                    name=name,
+                    answer=repr(answer[:40]),
+                )
+            )
         return int(value)
 
     async def _set(self, pairs: str) -> None:
         answer = await self._ask(f"SET {pairs}")
         if answer != "ack":
-            raise RefusedError(f"arm gripper: `SET {pairs}` was answered by {answer[:40]!r}", 0)
+            raise RefusedError(
+                say(
+                    "arm gripper: `SET {pairs}` was answered by {answer}",
+                    pairs=pairs,
+                    answer=repr(answer[:40]),
+                ),
+                0,
+            )
 
     async def _ask(self, line: str) -> str:
         """Return the answer to a line; what a cancelled one leaves dies with its connection."""
@@ -226,8 +253,11 @@ class UrcapJaws:
                 self._data = await self._stream.read()
         except TimeoutError as error:
             raise ReplyTimeoutError(
-                f"arm gripper: no answer to `{asked}`; is the Robotiq URCap installed, and the "
-                "gripper plugged in at the tool?"
+                say(
+                    "arm gripper: no answer to `{asked}`; is the Robotiq URCap "
+                    "installed, and the gripper plugged in at the tool?",
+                    asked=asked,
+                )
             ) from error
         # a short answer comes in one piece, and without an end of line (§6.1)
         line, self._data = self._data, b""

@@ -10,6 +10,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from messages import key, say
+
 from . import _detours, kinematics
 from ._figures import UrFigures
 from ._sizes import UrSize
@@ -225,10 +227,12 @@ class UrModel:
             return "no such pose"
         worst = int(np.argmax(passed))
         if passed[worst] <= 0.0:
-            return "within limits"
-        return (
-            f"{kinematics.JOINTS[worst]} passed by {np.degrees(passed[worst]):.1f} deg "
-            f"({np.degrees(LIMITS_RAD[worst]):.0f} deg is the end)"
+            return key("within limits")
+        return say(
+            "{joints} passed by {degrees:.1f} deg ({degrees2:.0f} deg is the end)",
+            joints=kinematics.JOINTS[worst],
+            degrees=np.degrees(passed[worst]),
+            degrees2=np.degrees(LIMITS_RAD[worst]),
         )
 
     def spread(self, unit: Floats) -> Floats:

@@ -14,6 +14,7 @@ from drivers.errors import (
     ReplyTimeoutError,
     WrongDeviceError,
 )
+from messages import say
 
 from ._stream import Stream, open_stream
 
@@ -58,8 +59,13 @@ class Dashboard:
             greeting = await self._line("a greeting")
             if GREETING not in greeting:
                 raise WrongDeviceError(
-                    f"arm: {self._host}:{self._port} greets with {greeting[:60]!r}, not as the "
-                    "dashboard of a Universal Robots controller"
+                    say(
+                        "arm: {host}:{port} greets with {greeting}, not as the dashboard "
+                        "of a Universal Robots controller",
+                        host=self._host,
+                        port=self._port,
+                        greeting=repr(greeting[:60]),
+                    )
                 )
         except BaseException:
             await self.aclose()
@@ -98,7 +104,14 @@ class Dashboard:
         """
         answer = await self.ask(line)
         if re.match(accepted, answer, re.IGNORECASE) is None:
-            raise RefusedError(f"arm: `{line}` was refused: {answer or 'not understood'}", 0)
+            raise RefusedError(
+                say(
+                    "arm: `{line}` was refused: {answer}",
+                    line=line,
+                    answer=answer or "not understood",
+                ),
+                0,
+            )
 
     async def _line(self, what: str) -> str:
         assert self._stream is not None, "open"
@@ -106,10 +119,16 @@ class Dashboard:
             async with self._clock.timeout(REPLY_S):
                 while b"\n" not in self._data:
                     if len(self._data) > MAX_LINE:
-                        raise BadReplyError(f"arm: dashboard: no end of line: {self._data[:40]!r}")
+                        raise BadReplyError(
+                            say(
+                                "arm: dashboard: no end of line: {data}", data=repr(self._data[:40])
+                            )
+                        )
                     self._data += await self._stream.read()
         except TimeoutError as error:
-            raise ReplyTimeoutError(f"arm: dashboard: no answer to {what}") from error
+            raise ReplyTimeoutError(
+                say("arm: dashboard: no answer to {what}", what=what)
+            ) from error
         line, _, self._data = self._data.partition(b"\n")
         return line.decode("utf-8", "replace").strip()
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from drivers.clock import CellClock
 from drivers.errors import DeviceError, RefusedError, SilentLineError, WrongDeviceError
+from messages import key, say
 
 from ..protocol import (
     OPTIONAL_FIELDS,
@@ -124,7 +125,9 @@ class RtdePort:
     async def _set_up(self, frequency_hz: float) -> None:
         if not decode_accepted(await self._ask(encode_version(), PackageType.VERSION)):
             raise WrongDeviceError(
-                "arm: the controller does not speak RTDE version 2; PolyScope 3.7 or later does"
+                key(
+                    "arm: the controller does not speak RTDE version 2; PolyScope 3.7 or later does"
+                )
             )
         request = encode_request(PackageType.CONTROLLER)
         self.version = decode_version(await self._ask(request, PackageType.CONTROLLER))
@@ -134,8 +137,11 @@ class RtdePort:
             lacking = sorted(set(recipe.missing) & set(REQUIRED_FIELDS))
             if lacking:
                 raise WrongDeviceError(
-                    f"arm: the controller's RTDE has no {', '.join(lacking)}; PolyScope 3.7 or "
-                    "later has it"
+                    say(
+                        "arm: the controller's RTDE has no {lacking}; PolyScope 3.7 or "
+                        "later has it",
+                        lacking=", ".join(lacking),
+                    )
                 )
             log.info("arm: RTDE has no %s: not read back", ", ".join(recipe.missing))
             kept = tuple(name for name in names if name not in recipe.missing)
@@ -144,7 +150,7 @@ class RtdePort:
         if not decode_accepted(
             await self._ask(encode_request(PackageType.START), PackageType.START)
         ):
-            raise RefusedError("arm: RTDE refuses to start", 0)
+            raise RefusedError(key("arm: RTDE refuses to start"), 0)
 
     async def _ask_outputs(self, frequency_hz: float, names: tuple[str, ...]) -> Recipe:
         request = encode_outputs(frequency_hz, names)
@@ -161,8 +167,11 @@ class RtdePort:
                     self._note_text(package)
         except TimeoutError as error:
             raise SilentLineError(
-                f"arm: no reply by RTDE within {REPLY_S:g} s; is the controller's port 30004 in "
-                "use by too many others?"
+                say(
+                    "arm: no reply by RTDE within {reply_s:g} s; is the controller's "
+                    "port 30004 in use by too many others?",
+                    reply_s=REPLY_S,
+                )
             ) from error
 
     async def _next(self) -> Package:
@@ -235,8 +244,11 @@ class RtdePort:
                         break
         except TimeoutError as error:
             raise SilentLineError(
-                f"arm: no state for {self._silence_s:g} s; check the cable, and that the "
-                "controller runs"
+                say(
+                    "arm: no state for {silence_s:g} s; check the cable, and that the "
+                    "controller runs",
+                    silence_s=self._silence_s,
+                )
             ) from error
         if self._failure is not None:
             raise self._failure
@@ -257,7 +269,7 @@ def _state_of(values: dict[str, float | tuple[float, ...]]) -> UrState:
 
     def number(name: str) -> float:
         value = values[name]
-        assert not isinstance(value, tuple), f"{name} is one number"
+        assert not isinstance(value, tuple), say("{name} is one number", name=name)
         return float(value)
 
     tcp = rows("tcp_offset", 1000.0)

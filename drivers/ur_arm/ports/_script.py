@@ -11,6 +11,7 @@ from typing import Final
 
 from drivers.clock import CellClock
 from drivers.errors import LinkError, UnpluggedError
+from messages import key
 
 from ..protocol import MessageReader
 from ._stream import Stream, open_stream
@@ -59,7 +60,7 @@ class ScriptPort:
         UnpluggedError : the connection is gone
         """
         if not self.is_open:
-            raise UnpluggedError("arm: script port: the controller has closed the connection")
+            raise UnpluggedError(key("arm: script port: the controller has closed the connection"))
         self._stream.write(line)
 
     async def _run(self) -> None:

@@ -7,6 +7,7 @@ from typing import Final
 
 from drivers.clock import CellClock
 from drivers.errors import LinkError, UnpluggedError
+from messages import say
 
 wire_log = logging.getLogger("cellctl.wire.arm")
 
@@ -31,7 +32,7 @@ class Stream:
         UnpluggedError : the connection is gone
         """
         if self._writer.is_closing():
-            raise UnpluggedError(f"arm: {self._what}: the connection is gone")
+            raise UnpluggedError(say("arm: {what}: the connection is gone", what=self._what))
         wire_log.debug("%s > %r", self._what, data)
         self._writer.write(data)
 
@@ -45,9 +46,13 @@ class Stream:
         try:
             data = await self._reader.read(_CHUNK)
         except OSError as error:
-            raise UnpluggedError(f"arm: {self._what}: the connection is gone ({error})") from error
+            raise UnpluggedError(
+                say("arm: {what}: the connection is gone ({error})", what=self._what, error=error)
+            ) from error
         if not data:
-            raise UnpluggedError(f"arm: {self._what}: the controller has closed the connection")
+            raise UnpluggedError(
+                say("arm: {what}: the controller has closed the connection", what=self._what)
+            )
         return data
 
     async def aclose(self) -> None:
@@ -78,7 +83,14 @@ async def open_stream(what: str, host: str, port: int, clock: CellClock) -> Stre
     except (OSError, TimeoutError) as error:
         reason = str(error) or "no answer"
         raise LinkError(
-            f"arm: no {what} at {host}:{port} ({reason}); check the cable, the controller's "
-            "address, and that its service is enabled in the security settings"
+            say(
+                "arm: no {what} at {host}:{port} ({reason}); check the cable, the "
+                "controller's address, and that its service is enabled in the "
+                "security settings",
+                what=what,
+                host=host,
+                port=port,
+                reason=reason,
+            )
         ) from error
     return Stream(what, reader, writer)

@@ -6,6 +6,8 @@ Sections (§) are those of ur.md.
 import struct
 from typing import Final
 
+from messages import say
+
 __all__ = ["MessageReader", "message_text"]
 
 HEADER: Final = struct.Struct(">IB")  # size with the header, type
@@ -63,7 +65,7 @@ def message_text(body: bytes) -> str:
     words = text.decode("utf-8", "replace").strip("\0 \r\n")
     if kind == _EXCEPTION:
         line, column = struct.unpack_from(">ii", rest)
-        return f"line {line}, column {column}: {words}"
+        return say("line {line}, column {column}: {words}", line=line, column=column, words=words)
     if kind == _ERROR_CODE:
         code, argument = struct.unpack_from(">ii", rest)
         return f"C{code}A{argument}{': ' if words else ''}{words}"

@@ -6,6 +6,8 @@ Sections (§) are those of ur.md.
 from enum import IntEnum
 from typing import Final
 
+from messages import key, say
+
 
 class RobotMode(IntEnum):
     """Mode of the robot (§5.1)."""
@@ -54,61 +56,78 @@ PAUSES: Final = frozenset(
 AT_ONCE: Final = frozenset(SafetyMode) - OPERATES - PAUSES  # a person has to come
 
 _WORDS: Final = {
-    SafetyMode.PROTECTIVE_STOP: "protective stop",
-    SafetyMode.RECOVERY: "recovery mode: a joint is outside its safety limits",
-    SafetyMode.SAFEGUARD_STOP: "safeguard stop",
-    SafetyMode.SYSTEM_EMERGENCY_STOP: "emergency stop of the system",
-    SafetyMode.ROBOT_EMERGENCY_STOP: "emergency stop of the robot",
-    SafetyMode.VIOLATION: "violation of the safety configuration",
-    SafetyMode.FAULT: "fault of the safety system",
-    SafetyMode.VALIDATE_JOINT_ID: "a joint was exchanged",
-    SafetyMode.UNDEFINED: "safety mode undefined",
-    SafetyMode.AUTOMATIC_SAFEGUARD_STOP: "safeguard stop of the automatic mode",
-    SafetyMode.THREE_POSITION_STOP: "the enabling switch is not held",
+    SafetyMode.PROTECTIVE_STOP: key("protective stop"),
+    SafetyMode.RECOVERY: key("recovery mode: a joint is outside its safety limits"),
+    SafetyMode.SAFEGUARD_STOP: key("safeguard stop"),
+    SafetyMode.SYSTEM_EMERGENCY_STOP: key("emergency stop of the system"),
+    SafetyMode.ROBOT_EMERGENCY_STOP: key("emergency stop of the robot"),
+    SafetyMode.VIOLATION: key("violation of the safety configuration"),
+    SafetyMode.FAULT: key("fault of the safety system"),
+    SafetyMode.VALIDATE_JOINT_ID: key("a joint was exchanged"),
+    SafetyMode.UNDEFINED: key("safety mode undefined"),
+    SafetyMode.AUTOMATIC_SAFEGUARD_STOP: key("safeguard stop of the automatic mode"),
+    SafetyMode.THREE_POSITION_STOP: key("the enabling switch is not held"),
 }
 _ADVICE: Final = {
     SafetyMode.PROTECTIVE_STOP: (
-        "see what it met or how it is loaded, clear it, then press `Enable Robot` on the pendant"
+        key(
+            "see what it met or how it is loaded, clear it, then press `Enable Robot` on the "
+            "pendant"
+        )
     ),
-    SafetyMode.RECOVERY: "move it back within its safety limits by hand, at the pendant",
-    SafetyMode.SAFEGUARD_STOP: "close its safeguard, and reset it if it has a reset button",
-    SafetyMode.SYSTEM_EMERGENCY_STOP: "release the emergency stop, then enable it on the pendant",
-    SafetyMode.ROBOT_EMERGENCY_STOP: "release the emergency stop, then enable it on the pendant",
-    SafetyMode.VIOLATION: "read the log on the pendant, clear the cause, restart the safety system",
-    SafetyMode.FAULT: "read the log on the pendant; restart the controller",
-    SafetyMode.VALIDATE_JOINT_ID: "have the joints validated by service",
-    SafetyMode.UNDEFINED: "read the log on the pendant",
-    SafetyMode.AUTOMATIC_SAFEGUARD_STOP: "close its safeguard, and reset it if it has a button",
-    SafetyMode.THREE_POSITION_STOP: "hold the enabling switch, or choose the automatic mode",
+    SafetyMode.RECOVERY: key("move it back within its safety limits by hand, at the pendant"),
+    SafetyMode.SAFEGUARD_STOP: key("close its safeguard, and reset it if it has a reset button"),
+    SafetyMode.SYSTEM_EMERGENCY_STOP: key(
+        "release the emergency stop, then enable it on the pendant"
+    ),
+    SafetyMode.ROBOT_EMERGENCY_STOP: key(
+        "release the emergency stop, then enable it on the pendant"
+    ),
+    SafetyMode.VIOLATION: key(
+        "read the log on the pendant, clear the cause, restart the safety system"
+    ),
+    SafetyMode.FAULT: key("read the log on the pendant; restart the controller"),
+    SafetyMode.VALIDATE_JOINT_ID: key("have the joints validated by service"),
+    SafetyMode.UNDEFINED: key("read the log on the pendant"),
+    SafetyMode.AUTOMATIC_SAFEGUARD_STOP: key(
+        "close its safeguard, and reset it if it has a button"
+    ),
+    SafetyMode.THREE_POSITION_STOP: key("hold the enabling switch, or choose the automatic mode"),
 }
 _MODES: Final = {
-    RobotMode.NO_CONTROLLER: "its controller does not run",
-    RobotMode.DISCONNECTED: "the arm is not connected to its controller",
-    RobotMode.CONFIRM_SAFETY: "its safety configuration waits to be confirmed on the pendant",
-    RobotMode.BOOTING: "it boots",
-    RobotMode.POWER_OFF: "its power is off",
-    RobotMode.POWER_ON: "its joints start",
-    RobotMode.IDLE: "its brakes are on",
-    RobotMode.BACKDRIVE: "it is in backdrive",
-    RobotMode.RUNNING: "it runs",
-    RobotMode.UPDATING_FIRMWARE: "its firmware is being updated",
+    RobotMode.NO_CONTROLLER: key("its controller does not run"),
+    RobotMode.DISCONNECTED: key("the arm is not connected to its controller"),
+    RobotMode.CONFIRM_SAFETY: key("its safety configuration waits to be confirmed on the pendant"),
+    RobotMode.BOOTING: key("it boots"),
+    RobotMode.POWER_OFF: key("its power is off"),
+    RobotMode.POWER_ON: key("its joints start"),
+    RobotMode.IDLE: key("its brakes are on"),
+    RobotMode.BACKDRIVE: key("it is in backdrive"),
+    RobotMode.RUNNING: key("it runs"),
+    RobotMode.UPDATING_FIRMWARE: key("its firmware is being updated"),
 }
 
 
 def safety_words(mode: int) -> str:
     """Return a safety mode in words."""
-    return _WORDS.get(SafetyMode(mode), "normal") if _is_known(mode) else f"safety mode {mode}"
+    return (
+        _WORDS.get(SafetyMode(mode), "normal")
+        if _is_known(mode)
+        else say("safety mode {mode}", mode=mode)
+    )
 
 
 def advice(mode: int) -> str:
     """Return the way out of a safety mode, for a person."""
-    return _ADVICE.get(SafetyMode(mode), "") if _is_known(mode) else "read the log on the pendant"
+    return (
+        _ADVICE.get(SafetyMode(mode), "") if _is_known(mode) else key("read the log on the pendant")
+    )
 
 
 def mode_words(mode: int) -> str:
     """Return a mode of the robot in words."""
     known = mode in RobotMode.__members__.values()
-    return _MODES[RobotMode(mode)] if known else f"robot mode {mode}"
+    return _MODES[RobotMode(mode)] if known else say("robot mode {mode}", mode=mode)
 
 
 def _is_known(mode: int) -> bool:

@@ -10,6 +10,7 @@ from enum import IntEnum
 from typing import Final
 
 from drivers.errors import BadReplyError
+from messages import say
 
 __all__ = [
     "OPTIONAL_FIELDS",
@@ -101,7 +102,10 @@ class PackageReader:
             size, kind = HEADER.unpack_from(self._data)
             if size < HEADER.size or kind not in PackageType.__members__.values():
                 raise BadReplyError(
-                    f"arm: not RTDE: {bytes(self._data[:16]).hex(' ')}; is this the port of RTDE?"
+                    say(
+                        "arm: not RTDE: {bytes}; is this the port of RTDE?",
+                        bytes=bytes(self._data[:16]).hex(" "),
+                    )
                 )
             if len(self._data) < size:
                 break
@@ -142,8 +146,12 @@ class Recipe:
         layout = struct.Struct(">B" + "".join(code * count for code, count in codes))
         if len(payload) != layout.size or payload[0] != self.number:
             raise BadReplyError(
-                f"arm: RTDE data of {len(payload)} bytes, {layout.size} expected: "
-                f"{payload[:16].hex(' ')}"
+                say(
+                    "arm: RTDE data of {payload_count} bytes, {size} expected: {payload}",
+                    payload_count=len(payload),
+                    size=layout.size,
+                    payload=payload[:16].hex(" "),
+                )
             )
         values = layout.unpack(payload)[1:]
         found: dict[str, float | tuple[float, ...]] = {}
@@ -177,7 +185,9 @@ def decode_accepted(payload: bytes) -> bool:
     BadReplyError : not one byte
     """
     if len(payload) != 1:
-        raise BadReplyError(f"arm: RTDE: one byte expected, not {payload[:16].hex(' ')}")
+        raise BadReplyError(
+            say("arm: RTDE: one byte expected, not {payload}", payload=payload[:16].hex(" "))
+        )
     return payload[0] == 1
 
 
@@ -189,7 +199,9 @@ def decode_version(payload: bytes) -> tuple[int, int, int, int]:
     BadReplyError : not four numbers
     """
     if len(payload) != 16:
-        raise BadReplyError(f"arm: RTDE: a version expected, not {payload[:16].hex(' ')}")
+        raise BadReplyError(
+            say("arm: RTDE: a version expected, not {payload}", payload=payload[:16].hex(" "))
+        )
     major, minor, bugfix, build = struct.unpack(">IIII", payload)
     return major, minor, bugfix, build
 
@@ -204,7 +216,13 @@ def decode_recipe(payload: bytes, names: Sequence[str]) -> Recipe:
     types = tuple(payload[1:].decode("ascii", "replace").strip().split(","))
     known = _TYPES.keys() | {NOT_FOUND, IN_USE}
     if not payload or len(types) != len(names) or not known.issuperset(types):
-        raise BadReplyError(f"arm: RTDE: types of {len(names)} fields expected, not {payload!r}")
+        raise BadReplyError(
+            say(
+                "arm: RTDE: types of {names_count} fields expected, not {payload}",
+                names_count=len(names),
+                payload=repr(payload),
+            )
+        )
     return Recipe(payload[0], tuple(names), types)
 
 
@@ -212,7 +230,7 @@ def decode_text(payload: bytes) -> str:
     """Return the words of a text message: what, and from where (§2.1)."""
     words, rest = _text(payload)
     source, _ = _text(rest)
-    return f"{words} ({source})" if source else words
+    return say("{words} ({source})", words=words, source=source) if source else words
 
 
 def _text(data: bytes) -> tuple[str, bytes]:

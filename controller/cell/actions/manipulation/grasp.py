@@ -13,6 +13,7 @@ from controller.cell.services.records import BatchRecord
 from controller.cell.services.table import Taking
 from controller.planning import Look, Pick
 from controller.planning.model import CellLayout
+from messages import key, say
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +56,9 @@ class GraspAction:
         )
         await self._check_opening(step, opening_mm)
         self.record.take_hold(step.grasp, opening_mm)
-        await self.record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
+        await self.record.set_custody(
+            Custody.IN_ARM, say("jaws at {opening_mm:.1f} mm", opening_mm=opening_mm)
+        )
         self.taking.look_ahead()
         await self.motion.follow(step.motion_up)
         await self.grippers.press_and_require_hold()
@@ -79,10 +82,17 @@ class GraspAction:
 
     async def _check_opening(self, step: Pick, opening_mm: float) -> None:
         """Leave the part in place unless the jaws stopped where the plan expects them to."""
-        expected = f"{step.expected_opening_mm:.1f} mm was expected"
+        expected = say(
+            "{expected_opening_mm:.1f} mm was expected",
+            expected_opening_mm=step.expected_opening_mm,
+        )
         if opening_mm < step.expected_opening_mm - self.grippers.tolerance_mm:
-            found = "on nothing" if opening_mm < NOTHING_MM else f"to {opening_mm:.1f} mm"
-            message = f"the jaws closed {found}, {expected}"
+            found = (
+                key("on nothing")
+                if opening_mm < NOTHING_MM
+                else say("to {opening_mm:.1f} mm", opening_mm=opening_mm)
+            )
+            message = say("the jaws closed {found}, {expected}", found=found, expected=expected)
             self.record.note(GraspMissed(message=message))
             await self._leave(step)
             raise PartFaultError(PartFault.GRASP_MISSED, message, source=GRASP + step.grasp.id)
@@ -90,8 +100,12 @@ class GraspAction:
             await self._leave(step)
             raise PartFaultError(
                 PartFault.GRASP_WRONG,
-                f"the jaws stopped at {opening_mm:.1f} mm, {expected}: they held other "
-                "faces of the part, or another object",
+                say(
+                    "the jaws stopped at {opening_mm:.1f} mm, {expected}: they held "
+                    "other faces of the part, or another object",
+                    opening_mm=opening_mm,
+                    expected=expected,
+                ),
                 source=GRASP + step.grasp.id,
             )
 

@@ -15,6 +15,7 @@ from controller.cell.services.records import BatchRecord
 from controller.imaging import inverse_pose
 from controller.planning import GiveStep, ReceiveStep, shown_pose
 from controller.planning.model import CellLayout
+from messages import key, say
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +57,7 @@ class HandOffAction:
         fixed_mm = await self._close_fixed(step)
         await record.set_custody(Custody.IN_BOTH)
         if not await self.grippers.does_fixed_hold():
-            await self._keep_in_arm(step, "the fixed gripper lost the part at once")
+            await self._keep_in_arm(step, key("the fixed gripper lost the part at once"))
         hold = record.held()
         T_world_part = shown_pose(self.layout, await self.motion.read_q(), hold.T_part_tcp)
         fixed_grasp = replace(
@@ -82,15 +83,21 @@ class HandOffAction:
         if not result.object_detected or off_mm > self.grippers.tolerance_mm:
             await self._keep_in_arm(
                 step,
-                f"the fixed gripper closed to {result.opening_mm:.1f} mm, {expected_mm:.1f} mm was "
-                "expected",
+                say(
+                    "the fixed gripper closed to {opening_mm:.1f} mm, "
+                    "{expected_mm:.1f} mm was expected",
+                    opening_mm=result.opening_mm,
+                    expected_mm=expected_mm,
+                ),
             )
         return result.opening_mm
 
     async def _keep_in_arm(self, step: GiveStep, why: str) -> NoReturn:
         """Keep the part in the arm gripper and go back to the start of the step."""
         hold = self.record.held()
-        await self.record.set_custody(Custody.IN_ARM, "the fixed gripper did not receive the part")
+        await self.record.set_custody(
+            Custody.IN_ARM, key("the fixed gripper did not receive the part")
+        )
         # no wider than on the way in: the arm's fingers are between its own
         await self.grippers.open_fixed(step.fixed_pre_open_mm)
         await self.grippers.press_and_require_hold()
@@ -102,7 +109,7 @@ class HandOffAction:
         self.motion.reach(SafePoint.LIFTED, ends_step=True)
         raise PartFaultError(
             PartFault.HAND_OFF_FAILED,
-            f"hand-off: {why}; the arm gripper still holds the part",
+            say("hand-off: {why}; the arm gripper still holds the part", why=why),
             source=GRASP + step.fixed_grasp.id,
         )
 
@@ -123,7 +130,9 @@ class HandOffAction:
         except ReleaseRefusedError:
             await self.grippers.press_and_require_hold()  # raises what is wrong with the grasp
             raise
-        await record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
+        await record.set_custody(
+            Custody.IN_ARM, say("jaws at {opening_mm:.1f} mm", opening_mm=opening_mm)
+        )
         await self.grippers.press_and_require_hold()
         await self.motion.follow(step.motion_out)
         # paths after this one are planned past an empty fixed gripper that stands wide open
@@ -136,14 +145,21 @@ class HandOffAction:
     async def _leave_in_fixed(self, step: ReceiveStep, opening_mm: float) -> NoReturn:
         """Leave the part in the fixed gripper and go back to the start of the step."""
         await self.grippers.open_arm(step.pre_open_mm)
-        await self.record.set_custody(Custody.IN_FIXED, "the arm gripper did not receive the part")
+        await self.record.set_custody(
+            Custody.IN_FIXED, key("the arm gripper did not receive the part")
+        )
         await self.motion.go_back(len(step.approach))
         await self.grippers.require_fixed_holds()
         await self.motion.go_back(len(step.motion_in))
         self.motion.reach(SafePoint.IN_FIXED, ends_step=True)
         raise PartFaultError(
             PartFault.RECEIVE_FAILED,
-            f"hand-off back: the arm gripper's jaws stopped at {opening_mm:.1f} mm, "
-            f"{step.expected_opening_mm:.1f} mm was expected; the fixed gripper still holds it",
+            say(
+                "hand-off back: the arm gripper's jaws stopped at {opening_mm:.1f} "
+                "mm, {expected_opening_mm:.1f} mm was expected; the fixed gripper "
+                "still holds it",
+                opening_mm=opening_mm,
+                expected_opening_mm=step.expected_opening_mm,
+            ),
             source=GRASP + step.grasp.id,
         )

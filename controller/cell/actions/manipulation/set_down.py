@@ -8,6 +8,7 @@ from controller.cell.machine import Event, SafePoint
 from controller.cell.services import Grippers, Motion, PlanSteps
 from controller.cell.services.records import BatchRecord
 from controller.planning import SetDown
+from messages import key
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +42,7 @@ class SetDownAction:
         await self.grippers.press_and_require_hold()
         intent = Intent(name=Once.SET_DOWN, pose_index=step.pose_index)
         await self.grippers.let_go(intent, step.open_mm, step.motion_up)
-        await self.record.set_custody(Custody.ON_TABLE, "set down")
+        await self.record.set_custody(Custody.ON_TABLE, key("set down"))
         await self.motion.follow(step.motion_up)
         self.steps.end(step, started_s)
         return Event.SET_DOWN

@@ -10,6 +10,7 @@ from controller.cell.machine import Event, SafePoint
 from controller.cell.services import Grippers, Motion, Recoveries
 from controller.cell.services.records import BatchRecord
 from controller.planning import NoMotionError
+from messages import key
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +38,7 @@ class WithdrawAction:
         ------
         PartProblemError : there is no such path, or a lost part hangs in the fixed gripper
         """
-        self.record.show("taking the arm out of the way")
+        self.record.show(key("taking the arm out of the way"))
         self.recoveries.forget_drop()
         part = self.record.part
         self.motion.reach(SafePoint.STANDING, ends_step=True)
@@ -55,8 +56,11 @@ class WithdrawAction:
             if not self.motion.can_go_back:
                 raise PartProblemError(
                     "no_way_home",
-                    "no path free of contact leads the arm out of the camera's sight; clear the "
-                    "space about it and start again",
+                    key(
+                        "no path free of contact leads the arm out of the camera's sight; "
+                        "clear the "
+                        "space about it and start again"
+                    ),
                 )
             await self.motion.go_back(1)
             self.motion.reach(SafePoint.STANDING, ends_step=True)
@@ -65,7 +69,7 @@ class WithdrawAction:
         if part.custody is Custody.LOST:
             if self.grippers.is_something_in_fixed:
                 raise PartProblemError(
-                    "part_lost", "the part hangs loosely in the fixed gripper; take it out"
+                    "part_lost", key("the part hangs loosely in the fixed gripper; take it out")
                 )
             await self.grippers.open_fixed()
         self.motion.reach(SafePoint.PARKED, ends_step=True)
@@ -80,5 +84,5 @@ class WithdrawAction:
         if part.custody is not Custody.ON_TABLE:
             await self.grippers.require_empty()
         part.hold, part.fixed_grasp = None, None
-        await self.record.set_custody(Custody.REMOVED, "both grippers are empty")
+        await self.record.set_custody(Custody.REMOVED, key("both grippers are empty"))
         self.record.finish_part()

@@ -13,6 +13,7 @@ from controller.cell.machine import Event
 from controller.cell.services import Gate, Imaging, NextMotion
 from controller.cell.services.records import BatchRecord
 from controller.cell.services.table import Labels
+from messages import joined, key, say, say_counted
 
 # Grey level, 0..255; a light table is at 150 and more.
 MIN_GLOW = 60
@@ -48,7 +49,9 @@ class AcquireAction:
         require_room(self.record.trays)
         self.record.begin_part()
         await self._read_number()
-        self.record.show("taking pictures of the table", step=0, step_count=0, remaining_s=None)
+        self.record.show(
+            key("taking pictures of the table"), step=0, step_count=0, remaining_s=None
+        )
         part = self.record.part
         try:
             glowing = await self.imaging.shoot("overhead", {TABLE_PANEL: 1.0})
@@ -70,12 +73,12 @@ class AcquireAction:
     async def _read_number(self) -> None:
         part = self.record.part
         if self.labels.is_wanted(part):
-            self.record.show("waiting for the serial number of the next part")
+            self.record.show(key("waiting for the serial number of the next part"))
         await self.labels.read(part)
 
 
 async def _look() -> NextMotion:
-    return NextMotion("nothing moves yet: the cell takes pictures of the table")
+    return NextMotion(key("nothing moves yet: the cell takes pictures of the table"))
 
 
 def require_room(trays: TrayRecord) -> None:
@@ -87,11 +90,17 @@ def require_room(trays: TrayRecord) -> None:
     """
     full = trays.full()
     if full:
-        raise PartProblemError(
-            "tray_full",
-            " and ".join(f"tray {name} ({trays.nest_counts[name]} parts)" for name in full)
-            + f" {'is' if len(full) == 1 else 'are'} full; the next part may have to go there",
+        named = (
+            say("tray {name} ({nest_count} parts)", name=name, nest_count=trays.nest_counts[name])
+            for name in full
         )
+        message = say_counted(
+            "{trays} is full; the next part may have to go there",
+            "{trays} are full; the next part may have to go there",
+            count=len(full),
+            trays=joined(" and ", named),
+        )
+        raise PartProblemError("tray_full", message)
 
 
 def _require_glow(picture: Grey) -> None:
@@ -99,7 +108,11 @@ def _require_glow(picture: Grey) -> None:
     level = float(np.quantile(picture[::8, ::8], 0.9))
     if level < MIN_GLOW:
         raise CellError(
-            f"the light table is dark (grey level {level:.0f}; at least {MIN_GLOW} is "
-            "required): check the lamp table_backlight, its relay and its supply, and the "
-            "lens cap"
+            say(
+                "the light table is dark (grey level {level:.0f}; at least "
+                "{min_glow} is required): check the lamp table_backlight, its "
+                "relay and its supply, and the lens cap",
+                level=level,
+                min_glow=MIN_GLOW,
+            )
         )

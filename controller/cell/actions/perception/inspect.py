@@ -42,6 +42,7 @@ from controller.planning import (
     SetDown,
 )
 from controller.stored import lines_digest
+from messages import joined, key, say
 
 log = logging.getLogger(__name__)
 
@@ -82,7 +83,7 @@ class InspectAction:
         ------
         PartFaultError : the part is not held as planned, or too little of it was in sight
         """
-        self.record.show("judging the views")
+        self.record.show(key("judging the views"))
         await self._learn()
         self.views.take_ready()
         if await self._has_failed():
@@ -106,7 +107,9 @@ class InspectAction:
             finally:
                 judging.cancel()
         if part.parked is not None:
-            part.verdict = _kept_back(part.verdict, f"parked: {part.parked.reason}")
+            part.verdict = _kept_back(
+                part.verdict, say("parked: {reason}", reason=part.parked.reason)
+            )
         await self._conclude()
         return Event.ALL_SEEN
 
@@ -143,7 +146,9 @@ class InspectAction:
         if missing >= WORTH_SHARE:
             raise PartFaultError(
                 PartFault.SEEN_TOO_LITTLE,
-                f"{100 * missing:.1f} % of the planned surface was not in sight",
+                say(
+                    "{missing:.1f} % of the planned surface was not in sight", missing=100 * missing
+                ),
             )
 
     def _may_show_more(self) -> bool:
@@ -183,7 +188,9 @@ class InspectAction:
         part.plan_count += 1
         self.record.note(plan_row(plan, is_ahead=False))
         self.views.take_judged(found.views)
-        await self._keep(stored, found, (f"put down as it had failed; views not shown: {left}",))
+        await self._keep(
+            stored, found, (say("put down as it had failed; views not shown: {left}", left=left),)
+        )
         return True
 
     def _is_elsewhere(self) -> bool:
@@ -233,8 +240,10 @@ class InspectAction:
         labels = {face.face_id: face.label for face in found.ledger.faces}
         raise PartFaultError(
             PartFault.SEEN_TOO_LITTLE,
-            f"{', '.join(labels[face] for face in short)}: too little was compared; to be "
-            "inspected again from another grasp",
+            say(
+                "{labels}: too little was compared; to be inspected again from another grasp",
+                labels=joined(", ", (labels[face] for face in short)),
+            ),
         )
 
     async def _go_on(self) -> None:

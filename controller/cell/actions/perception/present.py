@@ -18,6 +18,7 @@ from controller.cell.services import (
 from controller.cell.services.records import BatchRecord, PartInGripper
 from controller.planning import Present
 from controller.planning.model import lit_count
+from messages import key
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +105,7 @@ class PresentAction:
 
 
 async def _look() -> NextMotion:
-    return NextMotion("nothing moves yet: the cell takes the pictures of this view")
+    return NextMotion(key("nothing moves yet: the cell takes the pictures of this view"))
 
 
 def lamps_for(step: Present) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """Recognising: the next part on the table, its stable pose and its place."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -12,6 +13,13 @@ from controller.cell.machine import Event, PartFault
 from controller.cell.services import Codes
 from controller.cell.services.records import BatchRecord
 from controller.cell.services.table import Taking
+from messages import key, say
+
+LOST: Final = key(
+    "{reason}; the camera over the table does not see it: look below the arm's last path and at "
+    "the fixed gripper"
+)
+UNSEEN: Final = key("{reason}; the camera over the table does not see it: look in the arm gripper")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,15 +56,27 @@ class RecogniseAction:
             raise self._nothing_found()
         if part.custody is not Custody.ON_TABLE:
             part.hold = None
-            await self.record.set_custody(Custody.ON_TABLE, "found again")
+            await self.record.set_custody(Custody.ON_TABLE, key("found again"))
         await self.codes.read_on_table(lit)
         s = part.sighting
         assert s is not None
-        beside = f"; {len(part.neighbours)} others are left alone" if part.neighbours else ""
+        beside = (
+            say("; {neighbours_count} others are left alone", neighbours_count=len(part.neighbours))
+            if part.neighbours
+            else ""
+        )
         self.record.show(
             "recognised",
-            part_pose=f"{s.part}, pose {s.pose_index}, x {s.x_mm:.1f} y {s.y_mm:.1f} mm, "
-            f"{np.degrees(s.theta_rad):.1f} deg{beside}",
+            part_pose=say(
+                "{part}, pose {pose_index}, x {x_mm:.1f} y {y_mm:.1f} mm, "
+                "{degrees:.1f} deg{beside}",
+                part=s.part,
+                pose_index=s.pose_index,
+                x_mm=s.x_mm,
+                y_mm=s.y_mm,
+                degrees=np.degrees(s.theta_rad),
+                beside=beside,
+            ),
         )
         return Event.PART_RECOGNISED
 
@@ -64,16 +84,11 @@ class RecogniseAction:
         part = self.record.part
         if part.custody is Custody.ON_TABLE:
             return PartProblemError(
-                "no_part", "no part on the table: lay one on the backlit area and start again"
+                "no_part", key("no part on the table: lay one on the backlit area and start again")
             )
         lost = next(r for r in reversed(part.recoveries) if r.fault is not PartFault.NOT_SEEN)
         return PartFaultError(
             PartFault.NOT_SEEN,
-            f"{lost.reason}; the camera over the table does not see it: look "
-            + (
-                "below the arm's last path and at the fixed gripper"
-                if part.custody is Custody.LOST
-                else "in the arm gripper"
-            ),
+            say(LOST if part.custody is Custody.LOST else UNSEEN, reason=lost.reason),
             code=lost.fault.value,
         )

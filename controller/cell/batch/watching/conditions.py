@@ -9,6 +9,7 @@ from typing import Protocol
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.kinds import FixedGripper, Hold, IoBlock, MotorWatchdog
+from messages import say
 
 from ...custody import Custody
 from ...devices.interlocks import Truth
@@ -89,8 +90,12 @@ class MotorSupplyWatcher:
         await self._io.wait_tripped()
         report(
             Event.FAULT,
-            f"the I/O block received nothing for {self._io.watchdog_s:g} s, so its watchdog "
-            "cut the motors' supply; find out why this computer stalled, then start again",
+            say(
+                "the I/O block received nothing for {watchdog_s:g} s, so its "
+                "watchdog cut the motors' supply; find out why this computer "
+                "stalled, then start again",
+                watchdog_s=self._io.watchdog_s,
+            ),
             "motor_watchdog",
         )
 
@@ -121,8 +126,12 @@ class DiskWatcher:
             await self._clock.sleep(DISK_POLL_S)
         report(
             Event.STOP,
-            f"the disk of {self._folder} has {free / 1e6:.0f} MB left: the run was "
-            "stopped while that can still be recorded. Make room, then start again",
+            say(
+                "the disk of {folder} has {free:.0f} MB left: the run was stopped "
+                "while that can still be recorded. Make room, then start again",
+                folder=self._folder,
+                free=free / 1e6,
+            ),
             "disk_full",
         )
 

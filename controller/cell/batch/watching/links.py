@@ -14,6 +14,7 @@ from drivers.attendance import Attendance
 from drivers.clock import CellClock
 from drivers.errors import DeviceError, LinkError, PositionLostError
 from drivers.kinds import Arm, FixedGripper, LampUnit
+from messages import key, say
 
 from ...alarms import alarm_of, code_of
 from ...devices.in_use import InUse
@@ -67,7 +68,7 @@ class ArmWatcher:
                 if odd_count < 2 and not isinstance(error, LinkError | PositionLostError):
                     log.warning("at rest: %s", error)
                     continue
-                report(Event.FAULT, f"at rest: {error}", code_of(error))
+                report(Event.FAULT, say("at rest: {error}", error=error), code_of(error))
                 return
 
 
@@ -102,7 +103,9 @@ class ModbusWatcher:
         while True:
             await self._clock.sleep(self._beat_s)
             try:
-                status = await self._retries.run("gripper", "fixed gripper", self._gripper.status)
+                status = await self._retries.run(
+                    "gripper", key("fixed gripper"), self._gripper.status
+                )
                 await self._retries.run("lights", "lights", self._lights.connect)
             except DeviceError as error:
                 report(Event.FAULT, str(error), code_of(error))
@@ -110,7 +113,7 @@ class ModbusWatcher:
             if was_activated and not status.is_activated:
                 report(
                     Event.FAULT,
-                    "fixed gripper: it has restarted and may have let go; check what it holds",
+                    key("fixed gripper: it has restarted and may have let go; check what it holds"),
                     "position_lost",
                 )
                 return

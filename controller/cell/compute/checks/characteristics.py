@@ -14,6 +14,7 @@ from controller.inspection.characteristics import (
     with_capability,
 )
 from controller.setup.characteristics import build_accuracy, part_characteristics, station_of
+from messages import say
 
 UM_PER_MM: Final = 1000.0
 RECIPE: Final = "recipe"  # source of limits that a recipe states
@@ -69,24 +70,38 @@ def _is_stated_in_vain(one: Characteristic) -> bool:
 
 
 def _not_measured(one: Characteristic) -> str:
-    return (
-        f"{one.id}: {_limits(one)} ({one.source}) cannot be verified, {one.exempt}; gauge it "
-        "elsewhere (`ignore: reason`)"
+    return say(
+        "{id}: {limits} ({source}) cannot be verified, {exempt}; gauge it "
+        "elsewhere (`ignore: reason`)",
+        id=one.id,
+        limits=_limits(one),
+        source=one.source,
+        exempt=one.exempt,
     )
 
 
 def _limits(one: Characteristic) -> str:
     if one.is_one_sided:
-        return f"up to {one.upper_mm:g} mm"
-    return f"{one.lower_mm:g} to {one.upper_mm:g} mm"
+        return say("up to {upper_mm:g} mm", upper_mm=one.upper_mm)
+    return say("{lower_mm:g} to {upper_mm:g} mm", lower_mm=one.lower_mm, upper_mm=one.upper_mm)
 
 
 def _too_tight(checked: CheckedCharacteristic) -> str:
     one, able = checked.characteristic, checked.capability
     least = able.min_tolerance_mm / 2
-    ask = f"{least:.2f} mm" if one.is_one_sided else f"+-{least:.2f} mm"
-    return (
-        f"{one.id}: {_limits(one)} ({one.source}) is tighter than this cell can verify: it "
-        f"promises U = {able.U_mm * UM_PER_MM:.0f} um, which allows {ask} at best; widen the "
-        "tolerance, gauge it elsewhere (`ignore: reason`), or use a camera with smaller pixels"
+    ask = (
+        say("{least:.2f} mm", least=least)
+        if one.is_one_sided
+        else say("+-{least:.2f} mm", least=least)
+    )
+    return say(
+        "{id}: {limits} ({source}) is tighter than this cell can verify: "
+        "it promises U = {u_mm:.0f} um, which allows {ask} at best; widen "
+        "the tolerance, gauge it elsewhere (`ignore: reason`), or use a "
+        "camera with smaller pixels",
+        id=one.id,
+        limits=_limits(one),
+        source=one.source,
+        u_mm=able.U_mm * UM_PER_MM,
+        ask=ask,
     )

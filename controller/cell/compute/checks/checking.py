@@ -30,6 +30,7 @@ from controller.planning import Plan
 from controller.setup.drivers import require_drivers, require_force
 from controller.setup.faces import faces_left_out
 from controller.setup.planner import PlannerSetup
+from messages import joined, key, say
 
 from ...plans import Certified, PlanCache
 from .. import Job, context, part_files
@@ -206,12 +207,25 @@ def check_plans(
             later.append(pose)
             continue
         if progress is not None:
-            progress(f"planning from pose {pose.index} ({pose.probability:.0%})")
+            progress(
+                say(
+                    "planning from pose {index} ({probability:.0%})",
+                    index=pose.index,
+                    probability=pose.probability,
+                )
+            )
         certified = planning.certified(pose)
-        plan, where = certified.certificate.plan, f"in stable pose {pose.index}"
+        plan, where = certified.certificate.plan, say("in stable pose {index}", index=pose.index)
         poses.append(CheckedPose(pose, certified, _remarks(pose, c.part)))
         if is_steady and plan is None:
-            problems.append(f"{where} ({pose.probability:.0%}): {certified.certificate.reason}")
+            problems.append(
+                say(
+                    "{where} ({probability:.0%}): {reason}",
+                    where=where,
+                    probability=pose.probability,
+                    reason=certified.certificate.reason,
+                )
+            )
     if all(one.pose.rolling or one.pose.marginal for one in poses):
         problems.append(_restless(c.poses, c.part))
     plans = [one.certified.certificate.plan for one in poses]
@@ -223,15 +237,21 @@ def check_plans(
 
 def _restless(poses: Sequence[StablePose], part: CompiledPart) -> str:
     """Return the sentence on a part without a stable pose, with its likeliest motion."""
-    where = "the part has no stable pose in which it is likely to rest"
+    where = key("the part has no stable pose in which it is likely to rest")
     if not poses:
         return where
-    does = "; ".join(_remarks(poses[0], part)) or "it is rare"
-    return f"{where}: in pose {poses[0].index} ({poses[0].probability:.0%}) {does}"
+    does = joined("; ", _remarks(poses[0], part)) or key("it is rare")
+    return say(
+        "{where}: in pose {index} ({probability:.0%}) {does}",
+        where=where,
+        index=poses[0].index,
+        probability=poses[0].probability,
+        does=does,
+    )
 
 
 def _remarks(pose: StablePose, part: CompiledPart) -> tuple[str, ...]:
-    return (*(["barely stable"] if pose.marginal else []), *part.remarks(pose))
+    return (*([key("barely stable")] if pose.marginal else []), *part.remarks(pose))
 
 
 def _unseen_by_all(plans: Sequence[Plan], solid: Solid) -> dict[int, str]:

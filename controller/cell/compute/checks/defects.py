@@ -5,6 +5,7 @@ from math import ceil
 from controller.config import Cell, Recipe
 from controller.inspection import least_mm
 from controller.setup.characteristics import station_of
+from messages import say
 
 
 def check_defects(recipe: Recipe, cell: Cell) -> tuple[str, ...]:
@@ -17,9 +18,16 @@ def check_defects(recipe: Recipe, cell: Cell) -> tuple[str, ...]:
     mm_per_px = station_of(cell).mm_per_px
     least = {kind: least_mm(kind, mm_per_px) for kind in recipe.inspection.find}
     return tuple(
-        f"`inspection.find`: {kind} of {asked:g} mm is smaller than this cell can find: with "
-        f"{1000 * mm_per_px:.0f} um a pixel it finds {ceil(100 * least[kind]) / 100:.2f} mm, on a "
-        "spotless surface seen square; ask for that or more, or use a camera with smaller pixels"
+        say(
+            "`inspection.find`: {kind} of {asked:g} mm is smaller than this "
+            "cell can find: with {mm_per_px:.0f} um a pixel it finds "
+            "{ceil:.2f} mm, on a spotless surface seen square; ask for that or "
+            "more, or use a camera with smaller pixels",
+            kind=kind,
+            asked=asked,
+            mm_per_px=1000 * mm_per_px,
+            ceil=ceil(100 * least[kind]) / 100,
+        )
         for kind, asked in recipe.inspection.find.items()
         if asked < least[kind]
     )

@@ -15,6 +15,7 @@ from controller.cell.devices.lock import Holder
 from controller.cell.machine import PAUSE_EVENTS, Event, MachineDecision, PauseKind
 from controller.cell.operator import Answer, Desk
 from controller.cell.services import NextMotion
+from messages import say
 
 from .. import words
 from ..peer import Peer
@@ -146,7 +147,9 @@ class Control:
             found = await self._status()
             now = "" if found is None or found.first is None else found.first.words
             if now != body.first:
-                reason = f"another motion comes first by now: {now or 'nothing is known'}"
+                reason = say(
+                    "another motion comes first by now: {now}", now=now or "nothing is known"
+                )
                 return _refused(self._state, reason)
         return await self._order(Event.RESUME, peer, body)
 
@@ -162,7 +165,7 @@ class Control:
             Event.STOP,
             peer,
             body,
-            f"stopped by {_who(peer, body)}{_because(body)}",
+            say("stopped by {who}{because}", who=_who(peer, body), because=_because(body)),
             code="stop",
         )
 
@@ -173,7 +176,7 @@ class Control:
             Event.FAULT,
             peer,
             body,
-            f"aborted by {_who(peer, body)}{_because(body)}",
+            say("aborted by {who}{because}", who=_who(peer, body), because=_because(body)),
             code="aborted",
         )
 
@@ -228,11 +231,11 @@ RECOVERY_CODE: Final = "part_left"
 
 
 def _who(peer: Peer, body: words.Order) -> str:
-    return f"{body.who} ({peer.name})" if body.who else peer.name
+    return say("{who} ({name})", who=body.who, name=peer.name) if body.who else peer.name
 
 
 def _because(body: words.Order) -> str:
-    return f": {body.why}" if body.why else ""
+    return say(": {why}", why=body.why) if body.why else ""
 
 
 def _motion(first: NextMotion | None) -> words.MotionReply | None:

@@ -7,6 +7,7 @@ from pydantic import BaseModel, ValidationError
 from drivers.errors import DeviceError
 
 from ..peer import Peer
+from ..words import reply_bytes
 from .api import BY_PATH, Control, Endpoint
 from .openapi import DOCUMENT_PATH, document_bytes
 from .server import Answer, Handle, error_body
@@ -38,7 +39,7 @@ def handle_for(control: Control) -> Handle:
             reply = await endpoint.call(control, peer, taken)
         except DeviceError as error:
             return 503, error_body(str(error))
-        return reply.status, reply.body.model_dump_json().encode()
+        return reply.status, reply_bytes(reply.body)
 
     return handle
 

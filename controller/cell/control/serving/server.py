@@ -6,7 +6,6 @@ an idle one, and requests that read leave the places of orders free.
 """
 
 import asyncio
-import json
 import logging
 import os
 import socket
@@ -20,9 +19,11 @@ from typing import Any, Final
 import h11
 
 from controller.cell.devices.supervision import CallerPrograms
+from messages import key, say
 
 from ..peer import Peer, peer_of
 from ..place import ControlError
+from ..words import ErrorReply, reply_bytes
 
 log = logging.getLogger(__name__)
 
@@ -57,7 +58,7 @@ class _BadRequestError(Exception):
 
 def error_body(why: str) -> bytes:
     """Return the body of an answer with the reason why a request was refused."""
-    return json.dumps({"error": why}, ensure_ascii=False).encode()
+    return reply_bytes(ErrorReply(error=why))
 
 
 @asynccontextmanager
@@ -82,7 +83,11 @@ async def serving(
         listening = _listen(path)
     except OSError as error:
         raise ControlError(
-            f"{path}: {error.strerror or error}; it is the control socket"
+            say(
+                "{path}: {strerror}; it is the control socket",
+                path=path,
+                strerror=error.strerror or error,
+            )
         ) from error
     server = await asyncio.start_unix_server(door.on_connection, sock=listening)
     try:
@@ -170,7 +175,7 @@ class Door:
                 async with asyncio.timeout(IO_LIMIT_WALL_S):
                     request = await _read(wire, reader)
             if peer.uid != os.getuid():
-                raise _BadRequestError(403, "this cell belongs to another user")
+                raise _BadRequestError(403, key("this cell belongs to another user"))
             status, body = await self._answer(peer, request)
         except _BadRequestError as bad:
             status, body = bad.status, error_body(str(bad)) if str(bad) else b""
@@ -212,8 +217,11 @@ class Door:
         if self._answering[is_reading] >= MAX_CONNECTION_COUNT:
             raise _BadRequestError(
                 503,
-                f"{MAX_CONNECTION_COUNT} such requests to this cell are waiting, the most "
-                "allowed at once: ask again",
+                say(
+                    "{max_connection_count} such requests to this cell are waiting, "
+                    "the most allowed at once: ask again",
+                    max_connection_count=MAX_CONNECTION_COUNT,
+                ),
             )
         self._answering[is_reading] += 1
         try:
@@ -234,7 +242,7 @@ async def _read(wire: h11.Connection, reader: asyncio.StreamReader) -> _Request:
         event = wire.next_event()
         if event is h11.NEED_DATA:
             if wire.they_are_waiting_for_100_continue:
-                raise _BadRequestError(417, "send the body with the request")
+                raise _BadRequestError(417, key("send the body with the request"))
             wire.receive_data(await reader.read(CHUNK_BYTES))
         elif isinstance(event, h11.Request):
             request = event
@@ -243,12 +251,15 @@ async def _read(wire: h11.Connection, reader: asyncio.StreamReader) -> _Request:
         elif isinstance(event, h11.Data):
             body += event.data
             if len(body) > MAX_BODY_BYTES:
-                raise _BadRequestError(413, f"a body has {MAX_BODY_BYTES} bytes at most")
+                raise _BadRequestError(
+                    413,
+                    say("a body has {max_body_bytes} bytes at most", max_body_bytes=MAX_BODY_BYTES),
+                )
         elif isinstance(event, h11.EndOfMessage) and request is not None:
             method, target = request.method.decode(), request.target.decode("latin-1")
             return _Request(method, target.partition("?")[0], bytes(body))
         else:  # the other end has left, or wants another protocol
-            raise _BadRequestError(400, "the request breaks off")
+            raise _BadRequestError(400, key("the request breaks off"))
 
 
 async def _write(

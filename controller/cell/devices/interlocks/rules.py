@@ -7,6 +7,7 @@ from typing import Final
 
 from controller.config.conditions import Condition, read_condition
 from controller.config.interlock_rules import FACTS, InterlockRuleSection
+from messages import joined, key, say
 
 from .logic import Truth, truth_of
 
@@ -21,7 +22,7 @@ class CheckTime(StrEnum):
     """Before a motion of the arm or of jaws."""
     DURING = "during"
     """While anything may move."""
-    RECOVER = "recover"
+    RECOVER = key("recover")
     """Before a gripper is opened for a person who holds the part."""
 
 
@@ -79,11 +80,17 @@ class Violation:
         """The event, and what to do about it, for the operator."""
         name = next(iter(sorted(self.rule.require.names())), self.rule.name)
         if self.value is Truth.FALSE:
-            return f"{name if name in REQUIRED_SIGNALS else self.rule.name}: {self.rule.words}"
-        missing = " and ".join(self.unknown)
-        return (
-            f"{missing}: the I/O block has no fresh reading, which counts as not healthy; "
-            "check its cable and power, and `cellctl doctor` for what it answers"
+            return say(
+                "{name}: {words}",
+                name=name if name in REQUIRED_SIGNALS else self.rule.name,
+                words=self.rule.words,
+            )
+        missing = joined(" and ", self.unknown)
+        return say(
+            "{missing}: the I/O block has no fresh reading, which counts as "
+            "not healthy; check its cable and power, and `cellctl doctor` for "
+            "what it answers",
+            missing=missing,
         )
 
 
@@ -111,14 +118,16 @@ BUILT_IN_RULES: Final = (
     _rule(
         "estop",
         "estop_ok",
-        "the emergency stop is pressed, or its chain is open; release and reset it",
+        key("the emergency stop is pressed, or its chain is open; release and reset it"),
     ),
-    _rule("guard_closed", GUARD, "the door is open; close it", when="!person_inside", holds=True),
-    _rule("supply", "supply_ok", "the 24 V supply is missing; check the fuse"),
+    _rule(
+        "guard_closed", GUARD, key("the door is open; close it"), when="!person_inside", holds=True
+    ),
+    _rule("supply", "supply_ok", key("the 24 V supply is missing; check the fuse")),
     _rule(
         "hand_off_blocked",
         "fixed_gripper_free | custody_in_fixed | custody_in_both | custody_lost",
-        "the fixed gripper is closed on something other than the part; check what it holds",
+        key("the fixed gripper is closed on something other than the part; check what it holds"),
         when="moves_arm & near_hand_off",
         checks=(CheckTime.ADMIT,),
     ),

@@ -20,6 +20,8 @@ from typing import Final
 from drivers.clock import CellClock
 from drivers.errors import LinkError
 from drivers.supervisor import BEAT_S, BlindLook, BlindStop, LooksBlindly, Orders, StopsBlindly
+from messages import key
+from messages.form import from_said
 
 from ..build import Devices
 
@@ -113,7 +115,7 @@ class Supervised:
                 async with asyncio.timeout(READY_WALL_S):
                     await self._ready.wait()
             except TimeoutError:
-                raise LinkError("the supervisor does not start; nothing has moved") from None
+                raise LinkError(key("the supervisor does not start; nothing has moved")) from None
             beat = asyncio.create_task(self._beat(near), name="heartbeat")
             with _signals_to(told):
                 yield self
@@ -171,9 +173,11 @@ class Supervised:
             asyncio.get_running_loop().remove_reader(control)
             self._ready.set()
             if not self._is_over:
-                self._on_stopped("the supervisor has ended: this process is no longer supervised")
+                self._on_stopped(
+                    key("the supervisor has ended: this process is no longer supervised")
+                )
             return
-        body = json.loads(packet)
+        body = from_said(json.loads(packet))
         if body.get("ready"):
             self._ready.set()
         if "unreached" in body:

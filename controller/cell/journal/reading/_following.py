@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+from messages import say
+from messages.form import from_said
+
 from .._form import GENESIS, JournalError, Row, kind_of
 from .._head import Head
 from .._writer import require_known_version
@@ -220,7 +223,9 @@ def _marks(values: Collection[object]) -> str:
 
 def _row(found: tuple[Any, ...]) -> Row:
     seq, t_utc, t_mono, run, part, kind, name, body = found
-    return Row(seq, t_utc, t_mono, run, part, kind_of(kind, name), name, json.loads(body))
+    return Row(
+        seq, t_utc, t_mono, run, part, kind_of(kind, name), name, from_said(json.loads(body))
+    )
 
 
 def _read(path: Path, read: Callable[[sqlite3.Connection], T]) -> T:
@@ -229,6 +234,8 @@ def _read(path: Path, read: Callable[[sqlite3.Connection], T]) -> T:
         require_known_version(db, path)
         return read(db)
     except (sqlite3.Error, ValueError) as error:
-        raise JournalError(f"journal {path}: {error}; it is damaged or not a journal") from error
+        raise JournalError(
+            say("journal {path}: {error}; it is damaged or not a journal", path=path, error=error)
+        ) from error
     finally:
         db.close()

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from messages import say
+from messages.form import from_said
+
 from .._form import EARLIER_KINDS, GENESIS, JournalError, Row, RowKind, digest_of, kind_of
 from .._writer import require_known_version
 from ..rows import (
@@ -160,7 +163,9 @@ def newest_run(path: Path) -> str | None:
             ADDED_NAMES,
         ).fetchone()
     except sqlite3.Error as error:
-        raise JournalError(f"journal {path}: {error}; it is damaged or not a journal") from error
+        raise JournalError(
+            say("journal {path}: {error}; it is damaged or not a journal", path=path, error=error)
+        ) from error
     finally:
         db.close()
     return None if found is None else str(found[0])
@@ -178,9 +183,11 @@ def _rows(path: Path, where: str, values: Sequence[str | int]) -> Iterator[Row]:
         rows = db.execute(f"{query}{where} ORDER BY seq", tuple(values))
         for seq, t_utc, t_mono, run_id, part, kind, name, body in rows:
             now = kind_of(kind, name)
-            yield Row(seq, t_utc, t_mono, run_id, part, now, name, json.loads(body))
+            yield Row(seq, t_utc, t_mono, run_id, part, now, name, from_said(json.loads(body)))
     except (sqlite3.Error, ValueError) as error:  # no database, or a body that is no JSON
-        raise JournalError(f"journal {path}: {error}; it is damaged or not a journal") from error
+        raise JournalError(
+            say("journal {path}: {error}; it is damaged or not a journal", path=path, error=error)
+        ) from error
     finally:
         db.close()
 
@@ -218,7 +225,9 @@ def _broken(path: Path) -> Iterator[BrokenRow]:
     try:
         yield from breaks(db.execute("SELECT * FROM journal ORDER BY seq"))
     except sqlite3.Error as error:
-        raise JournalError(f"journal {path}: {error}; it is damaged or not a journal") from error
+        raise JournalError(
+            say("journal {path}: {error}; it is damaged or not a journal", path=path, error=error)
+        ) from error
     finally:
         db.close()
 
@@ -244,7 +253,11 @@ def breaks(
         if digest_of(prev_hash, *fields) != digest:
             yield BrokenRow(seq, run, part, name, "was changed")
         elif seq != last_seq + 1:
-            gap = f"{last_seq + 1} to {seq - 1}" if seq > last_seq + 2 else f"{seq - 1}"
+            gap = (
+                say("{last_seq} to {seq}", last_seq=last_seq + 1, seq=seq - 1)
+                if seq > last_seq + 2
+                else f"{seq - 1}"
+            )
             yield BrokenRow(seq, run, part, name, f"follows a gap: row {gap} was removed")
         elif prev_hash != prev:
             yield BrokenRow(
@@ -261,6 +274,6 @@ def open_to_read(path: Path) -> sqlite3.Connection:
     JournalError : no journal there
     """
     if not path.is_file():
-        raise JournalError(f"no journal at {path}")
+        raise JournalError(say("no journal at {path}", path=path))
     # as a URI, quoted by pathlib, since a folder's name may have # ? or % in it
     return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)

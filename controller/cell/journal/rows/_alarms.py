@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from messages.fields import Sentence
+
 from ._body import Body
 from ._events import AlarmFields, AtRest
 
@@ -19,9 +21,9 @@ class ToldAlarm:
     """
 
     number: int
-    message: str
+    message: Sentence
     device: str
-    action: str
+    action: Sentence
     is_repeated: bool
 
 

@@ -6,6 +6,9 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, RootModel
 
+from messages import key
+from messages.fields import Sentence
+
 from .._form import RowKind
 
 Json = Mapping[str, Any]
@@ -29,13 +32,13 @@ class EffectClass(StrEnum):
 class Once(StrEnum):
     """Actions never repeated without looking; the intent is on the disk before the action."""
 
-    GRASP = "grip"
+    GRASP = key("grip")
     HAND_OFF = "hand_off"
-    RELEASE_ARM = "release"
+    RELEASE_ARM = key("release")
     RECEIVE = "take_back"
     RELEASE_FIXED = "fixture_release"
     SET_DOWN = "set_down"
-    SORT = "sort"
+    SORT = key("sort")
     OPEN_ARM_GRIPPER = "open_arm_gripper"
     OPEN_FIXED_GRIPPER = "open_fixed_gripper"
 
@@ -64,5 +67,5 @@ class NamedBody(Body):
     name: str = Field(exclude=True)
 
 
-class TextByName(Body, RootModel[dict[str, str]]):
+class TextByName(Body, RootModel[dict[str, Sentence]]):
     """Texts by the name of their subject: lamp, device, gripper."""

@@ -5,6 +5,8 @@ from typing import Literal
 
 from pydantic import Field
 
+from messages.fields import Sentence
+
 from ._body import Body, Fields, Matrix
 
 
@@ -13,7 +15,7 @@ class FirstMotion(Body):
 
     kind = "decision"
     row_name = "first_motion"
-    words: str
+    words: Sentence
     origin: tuple[float, ...] = ()
     goal: tuple[float, ...] = ()
     tcp_mm: float = 0.0
@@ -36,7 +38,7 @@ class UnseenFields(Fields):
 
     face: int
     area_fraction: float
-    reason: str
+    reason: Sentence
 
 
 class PlanMade(Body):
@@ -48,7 +50,7 @@ class PlanMade(Body):
 
     kind = "decision"
     row_name = "plan"
-    steps: tuple[str, ...]
+    steps: tuple[Sentence, ...]
     seconds: tuple[float, ...]
     forecast_s: float
     covered_fraction: float
@@ -63,7 +65,7 @@ class PlanDropped(Body):
 
     kind = "decision"
     row_name = "plan_dropped"
-    reason: str
+    reason: Sentence
 
 
 class PlanKept(Body):
@@ -71,7 +73,7 @@ class PlanKept(Body):
 
     kind = "decision"
     row_name = "plan_kept"
-    reason: str
+    reason: Sentence
 
 
 class RecoveryBegun(Body):
@@ -80,8 +82,8 @@ class RecoveryBegun(Body):
     kind = "decision"
     row_name = "recovery"
     fault: str = Field(alias="trouble")
-    reason: str
-    action: str = Field(alias="remedy")
+    reason: Sentence
+    action: Sentence = Field(alias="remedy")
     number: int = 0
     custody: str = ""
     act: str = ""
@@ -97,7 +99,7 @@ class SourceDemoted(Body):
     source: str
     failures: int
     uses: int
-    reason: str = ""
+    reason: Sentence = ""
     alarm: int = 0
 
 
@@ -107,7 +109,7 @@ class DeviceRetried(Body):
     kind = "decision"
     row_name = "device_retried"
     device: str
-    error: str
+    error: Sentence
     number: int
     delay_s: float = 0.0
     alarm: int = 0
@@ -133,16 +135,16 @@ class RecoveryProposed(Body):
     row_name = "recovery_proposed"
     run: str
     custody: str = ""
-    evidence: tuple[str, ...]
-    intents: tuple[str, ...] = ()
-    steps: tuple[str, ...] = ()
-    first_motion: str = ""
+    evidence: tuple[Sentence, ...]
+    intents: tuple[Sentence, ...] = ()
+    steps: tuple[Sentence, ...] = ()
+    first_motion: Sentence = ""
     is_proven: bool = False
     person: str = ""
     decision: str = ""
     who: str = ""
     why: str = ""
-    shown: str = ""
+    shown: Sentence = ""
 
 
 class PartResumed(Body):
@@ -190,7 +192,7 @@ class CodeFields(Fields):
     `corners_mm` are the symbol's, in turn, in the part frame; empty beside the part.
     """
 
-    text: str
+    text: Sentence
     number: str
     picture: str
     corners_mm: Matrix = ()
@@ -248,7 +250,7 @@ class PartLeft(Body):
     pose_index: int
     x_mm: float
     y_mm: float
-    reason: str
+    reason: Sentence
 
 
 class AmbiguityResolved(Body):
@@ -274,14 +276,14 @@ class FaceJudged(Fields):
     """The result for one surface; all shares are of its own area, 0..1."""
 
     face: int
-    label: str
+    label: Sentence
     area_mm2: float
     compared_fraction: float = Field(alias="seen_fraction")
     by_check: Mapping[str, float] = Field(default_factory=dict)
     rest: Mapping[str, float] = Field(default_factory=dict)
     verdict: str
     views: tuple[str, ...]
-    reason: str
+    reason: Sentence
 
 
 class DetectionFields(Fields):
@@ -301,11 +303,11 @@ class PartJudged(Body):
     kind = "decision"
     row_name = "verdict"
     verdict: str
-    reasons: tuple[str, ...]
+    reasons: tuple[Sentence, ...]
     compared_fraction: float = Field(alias="covered_fraction")
     compared_U: float | None = None  # noqa: N815 (U is the symbol of the field)
     in_sight_fraction: float | None = None
-    claim: str = ""
+    claim: Sentence = ""
     confirmed: tuple[ConfirmedFinding, ...] = ()
     faces: tuple[FaceJudged, ...]
     found: tuple[DetectionFields, ...] = ()
@@ -336,7 +338,7 @@ class StartRefused(Body):
 
     kind = "decision"
     row_name = "start_refused"
-    message: str
+    message: Sentence
     part_removed: bool
 
 

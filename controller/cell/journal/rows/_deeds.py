@@ -1,5 +1,7 @@
 """Rows of actions: intents, outcomes, custody, leases."""
 
+from messages.fields import Sentence
+
 from ._body import Body, EffectClass, Fields, Joints, Matrix, NamedBody
 
 
@@ -17,7 +19,7 @@ class Intent(NamedBody):
     pose_index: int | None = None
     tray: str | None = None
     by: str = ""
-    detail: str = ""
+    detail: Sentence = ""
     retreat: tuple[Joints, ...] = ()
 
 
@@ -81,7 +83,7 @@ class CustodyChanged(NamedBody):
 
     kind = "custody"
     by: str = ""
-    detail: str = ""
+    detail: Sentence = ""
     before: str = ""
 
 
@@ -142,7 +144,7 @@ class StepDone(Body):
 
     kind = "outcome"
     row_name = "step"
-    label: str
+    label: Sentence
     forecast_s: float | None = None
     seconds: float | None = None
     view: str = ""
@@ -161,11 +163,11 @@ class DryStepDone(Body):
 
     kind = "outcome"
     row_name = "dry_step"
-    label: str
+    label: Sentence
     pose_index: int
     waypoints: int
     lifted_mm: tuple[float, float]
-    left_out: tuple[str, ...] = ()
+    left_out: tuple[Sentence, ...] = ()
     seconds: float
 
 
@@ -174,7 +176,7 @@ class GraspMissed(Body):
 
     kind = "outcome"
     row_name = "grip_missed"
-    message: str
+    message: Sentence
 
 
 class PartDone(Body):
@@ -184,7 +186,7 @@ class PartDone(Body):
     row_name = "part_done"
     verdict: str = ""
     tray: str | None = None
-    recoveries: tuple[str, ...] = ()
+    recoveries: tuple[Sentence, ...] = ()
 
 
 class Stopped(Body):
@@ -201,7 +203,7 @@ class StopNotConfirmed(Body):
     kind = "outcome"
     row_name = "stop_not_confirmed"
     device: str
-    error: str
+    error: Sentence
     alarm: int = 0
 
 

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 
 from pydantic import Field
 
+from messages.fields import Sentence
+
 from ._body import Body, Fields, Json, NamedBody, Text, TextByName
 
 
@@ -67,7 +69,7 @@ class EmulatedCellEnded(Body):
 
     kind = "event"
     row_name = "emulated_cell_ended"
-    message: str
+    message: Sentence
 
 
 class AlarmFields(Fields):
@@ -80,9 +82,9 @@ class AlarmFields(Fields):
     number: int
     code: str
     device: str = ""
-    step: str = ""
-    unknown: str = ""
-    action: str = ""
+    step: Sentence = ""
+    unknown: Sentence = ""
+    action: Sentence = ""
 
 
 class CellEvent(NamedBody):
@@ -92,9 +94,9 @@ class CellEvent(NamedBody):
     answer: str
     source: str = Field(alias="from")
     target: str = Field(alias="to")
-    message: str = ""
+    message: Sentence = ""
     code: str = ""
-    reason: str = ""
+    reason: Sentence = ""
     alarm: AlarmFields | None = None
     who: str = ""
     why: str = ""
@@ -138,7 +140,7 @@ class Overtaken(Body):
     kind = "event"
     row_name = "overtaken"
     effect: str
-    message: str
+    message: Sentence
 
 
 class AtRest(Body):
@@ -147,10 +149,10 @@ class AtRest(Body):
     kind = "event"
     row_name = "at_rest"
     state: str
-    message: str = ""
+    message: Sentence = ""
     code: str = ""
     custody: str = ""
-    where: str = ""
+    where: Sentence = ""
     alarm: AlarmFields | None = None
 
 
@@ -159,8 +161,8 @@ class RunBrokeOff(Body):
 
     kind = "event"
     row_name = "run_broke_off"
-    error: str = ""
-    where: str = ""
+    error: Sentence = ""
+    where: Sentence = ""
 
 
 class SpeedReached(Fields):
@@ -177,7 +179,7 @@ class RunEnded(Body):
     kind = "event"
     row_name = "run_ended"
     end: str
-    message: str = ""
+    message: Sentence = ""
     parts: int = 0
     speed: SpeedReached = SpeedReached()
 
@@ -187,7 +189,7 @@ class JournalSetAside(Body):
 
     kind = "event"
     row_name = "journal_set_aside"
-    why: str
+    why: Sentence
     file: str = ""
 
 
@@ -196,7 +198,7 @@ class JournalNotReadable(Body):
 
     kind = "event"
     row_name = "journal_not_readable"
-    why: str
+    why: Sentence
 
 
 class QuestionRaised(Body):
@@ -209,6 +211,6 @@ class QuestionRaised(Body):
     kind = "event"
     row_name = "question_raised"
     code: str
-    text: str
-    choices: tuple[str, ...]
-    preview: Mapping[str, str] = Field(default_factory=dict)
+    text: Sentence
+    choices: tuple[Sentence, ...]
+    preview: Mapping[str, Sentence] = Field(default_factory=dict)

@@ -5,6 +5,8 @@ from typing import Literal
 
 from pydantic import Field
 
+from messages.fields import Sentence
+
 from ._body import Body, Box, Fields, Matrix, TextByName
 
 
@@ -14,7 +16,7 @@ class TouchedDown(Body):
     kind = "observation"
     row_name = "touched_down"
     left_mm: float
-    error: str = ""
+    error: Sentence = ""
 
 
 class Openings(TextByName):
@@ -71,7 +73,7 @@ class CalibrationFields(Fields):
     """One calibration: when it was measured, and why it no longer counts; empty while it does."""
 
     measured: str
-    why_stale: str = ""
+    why_stale: Sentence = ""
 
 
 class CalibrationsStood(Body):
@@ -83,8 +85,8 @@ class CalibrationsStood(Body):
     kind = "observation"
     row_name = "calibrations_stood"
     each: Mapping[str, CalibrationFields] = Field(default_factory=dict)
-    why_not_verified: str = ""
-    sentences: tuple[str, ...] = ()
+    why_not_verified: Sentence = ""
+    sentences: tuple[Sentence, ...] = ()
 
 
 class FilesStored(TextByName):
@@ -125,7 +127,7 @@ class SightingFields(Fields):
     residual_px: float | None = None
     ambiguous_with: tuple[OtherHypothesis, ...] = ()
     box_px: Box
-    reason: str = ""
+    reason: Sentence = ""
     T_world_part: Matrix | None = None
     free_share: float = 1.0
     touching_count: int = 0
@@ -183,7 +185,7 @@ class CheckMade(Fields):
     """A comparison of a view with the CAD; `reason` is why it was not made."""
 
     check: str
-    reason: str
+    reason: Sentence
     compared_samples: int
     size_mm: float
     length_mm: float
@@ -214,7 +216,7 @@ class ViewJudged(Body):
     row_name = "view"
     view: str
     evaluated: bool
-    reason: str = ""
+    reason: Sentence = ""
     T_world_part: tuple[tuple[float, ...], ...] = ()
     shift_mm: float | None = None
     turn_deg: float | None = None
@@ -234,7 +236,7 @@ class LookFields(Fields):
     lamp: str
     measured: float | None = None
     u: float | None = None
-    reason: str = ""
+    reason: Sentence = ""
     budget: Mapping[str, float] = Field(default_factory=dict)
     points_px: tuple[tuple[float, float], ...] = ()
     accepted: tuple[int, ...] = ()
@@ -251,7 +253,7 @@ class CharacteristicFields(Fields):
     id: str
     balloon: int
     kind: str
-    label: str
+    label: Sentence
     unit: str = "mm"
     nominal: float
     lower: float
@@ -263,7 +265,7 @@ class CharacteristicFields(Fields):
     U: float | None = None
     verdict: str
     views: tuple[str, ...] = ()
-    reason: str = ""
+    reason: Sentence = ""
     anchors_mm: tuple[tuple[float, float, float], ...] = ()
     axis: tuple[float, float, float] | None = None
     rim_radius_mm: float | None = None

@@ -16,6 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from messages import say
+
 from .._form import JournalError
 
 BUSY_WALL_S: Final = 10.0  # longest wait for another writer
@@ -101,7 +103,7 @@ class WriterThread:
         """
         with self._lock:
             if self._is_ending:
-                raise JournalError(f"journal {self._path}: is closed")
+                raise JournalError(say("journal {path}: is closed", path=self._path))
             failure = self._failure
             if failure is None or not entry.is_refusable:
                 self._left.append(entry)
@@ -166,7 +168,9 @@ class WriterThread:
             known = (
                 error
                 if isinstance(error, JournalError)
-                else JournalError(f"journal {self._path}: {error!r}")
+                else JournalError(
+                    say("journal {path}: {error}", path=self._path, error=repr(error))
+                )
             )
             if entry.is_refusable:
                 self._forget(entry)
@@ -198,6 +202,10 @@ class WriterThread:
 
     def _late(self) -> JournalError:
         return JournalError(
-            f"journal {self._path}: no row could be written for {PATIENCE_WALL_S:.0f} s: the disk "
-            "stalls, or another program has the file locked"
+            say(
+                "journal {path}: no row could be written for {patience_wall_s:.0f} "
+                "s: the disk stalls, or another program has the file locked",
+                path=self._path,
+                patience_wall_s=PATIENCE_WALL_S,
+            )
         )

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 from controller.cell.alarms import alarm_of
 from controller.cell.errors import PartFaultError, PartProblemError, PolicyAbortError
@@ -20,8 +21,17 @@ from controller.cell.machine import (
 )
 from controller.config import Cell, FaultsSection, Recipe
 from drivers.clock import CellClock
+from messages import key, say
 
 from ..records import BatchRecord
+
+HOLDS: Final = key(
+    "{error} (the cell has recovered {recovery_count} times with this part and now waits for you)"
+)
+ABORTS: Final = key(
+    "{error} (the cell has recovered {recovery_count} times with this part; its policy ends in a "
+    "stop)"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,10 +109,11 @@ class Recoveries:
         self._learn(error)
         rung = self._decide(error.fault)
         if rung.act in (Act.HOLD, Act.ABORT):
-            ended = f"{error} (the cell has recovered {len(part.recoveries)} times with this part"
+            template = ABORTS if rung.act is Act.ABORT else HOLDS
+            ended = say(template, error=error, recovery_count=len(part.recoveries))
             if rung.act is Act.ABORT:
-                raise PolicyAbortError(f"{ended}; its policy ends in a stop)", error.code)
-            raise PartProblemError(error.code, f"{ended} and now waits for you)") from error
+                raise PolicyAbortError(ended, error.code)
+            raise PartProblemError(error.code, ended) from error
         self._is_drop_booked = error.fault is PartFault.DROPPED
         event, words = PARKING if rung.act is Act.PARK else BACK[error.fault]
         recovery = Recovery(error.fault, str(error), rung.act)

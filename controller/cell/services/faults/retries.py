@@ -12,6 +12,7 @@ from controller.cell.journal.rows import DeviceRetried
 from controller.cell.machine import Act, FaultPolicy, next_rung
 from drivers.clock import CellClock
 from drivers.errors import DeviceError, FaultError, LinkError, RefusedError
+from messages import say
 
 from ..records import BatchRecord
 
@@ -86,5 +87,5 @@ class Retries:
                 alarm=alarm_of("device_retried").number,
             )
         )
-        self._record.show(f"{error}; trying again")
+        self._record.show(say("{error}; trying again", error=error))
         await self._clock.sleep(rung.delay_s)

@@ -5,6 +5,7 @@ from typing import Final
 
 from controller.cell.errors import NoPermitError
 from controller.cell.operator import Choice, Operator, Question
+from messages import key, say
 
 from .gate import NextMotion
 
@@ -32,9 +33,11 @@ class Approval:
         NoPermitError : nobody is there to decide
         """
         question = Question(
-            NEXT_MOTION, f"next: {motion.words}", (Choice(GO, "permit this motion"),)
+            NEXT_MOTION,
+            say("next: {words}", words=motion.words),
+            (Choice(GO, key("permit this motion")),),
         )
         async with self._one_question:
             answer = await self._operator.decide(question)
         if answer is None:
-            raise NoPermitError("nothing may move: nobody is there to permit each motion")
+            raise NoPermitError(key("nothing may move: nobody is there to permit each motion"))

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from controller.cell.errors import NoPermitError
 from controller.cell.journal import Journal
 from controller.cell.journal.rows import PermitIssued, PermitWithdrawn
+from messages import key, say
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,7 @@ class Permits:
         self._journal = journal
         self._permit: Permit | None = None
         self._number = 0
-        self._withdrawn_by = "nobody has started the cell"
+        self._withdrawn_by = key("nobody has started the cell")
 
     @property
     def permit(self) -> Permit | None:
@@ -68,7 +69,10 @@ class Permits:
         """
         if self._permit is None:
             raise NoPermitError(
-                f"nothing may move: no permit since `{self._withdrawn_by}`; start or resume the "
-                "cell to permit motion"
+                say(
+                    "nothing may move: no permit since `{withdrawn_by}`; start or "
+                    "resume the cell to permit motion",
+                    withdrawn_by=self._withdrawn_by,
+                )
             )
         return self._permit

@@ -14,6 +14,7 @@ from controller.cell.machine import PARKING, Act, Event, PartFault, Recovery
 from controller.cell.recovery import Interrupted, Proposal
 from controller.inspection import PartVerdict, Verdict
 from controller.recognition import Alternative, Sighting
+from messages import say
 
 from ..motion import Motion
 from ..records import BatchProduct, BatchRecord, PartInGripper, PartRecord, grasp_of
@@ -102,7 +103,12 @@ class Resumption:
         for run in (*before, left.run):
             record.note_followed(run, left.part)
         if missing:
-            record.show(f"without {len(missing)} views: their pictures are gone or were changed")
+            record.show(
+                say(
+                    "without {missing_count} views: their pictures are gone or were changed",
+                    missing_count=len(missing),
+                )
+            )
         return proposal
 
     def _restore_trail(self, proposal: Proposal) -> None:
@@ -118,7 +124,7 @@ class Resumption:
 
     async def _restore_custody(self, left: Interrupted) -> None:
         """Journal the part's custody and the interrupted step, in the interrupted run's order."""
-        record, detail = self.record, f"from run {left.run}"
+        record, detail = self.record, say("from run {run}", run=left.run)
         if left.custody_before is not Custody.NONE:
             await record.set_custody(left.custody_before, detail)
         if left.intent is None and left.last_intent is not None and left.trail.retreat:
@@ -133,7 +139,11 @@ class Resumption:
 
 def park_interrupted(record: BatchRecord, reason: str) -> None:
     """Send a part that can no longer be inspected to the quarantine tray, INDETERMINATE."""
-    why = f"run {record.part.interrupted} was interrupted while it had the part; {reason}"
+    why = say(
+        "run {interrupted} was interrupted while it had the part; {reason}",
+        interrupted=record.part.interrupted,
+        reason=reason,
+    )
     _, words = PARKING
     record.begin_recovery(Recovery(PartFault.SEEN_TOO_LITTLE, why, Act.PARK), words)
 

@@ -17,6 +17,7 @@ from controller.imaging import rotation_angle
 from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
 from drivers.errors import PositionLostError
+from messages import joined, key, say
 
 from ..gate import Gate, NextMotion
 from ..grippers import Grippers
@@ -24,8 +25,10 @@ from ..motion import Motion, rounded
 from ..records import BatchRecord
 
 _LOOK = NextMotion(
-    "the arm goes back along its own path and parks, unless it is parked already; then the "
-    "cell takes pictures"
+    key(
+        "the arm goes back along its own path and parks, unless it is parked already; then the "
+        "cell takes pictures"
+    )
 )
 
 
@@ -116,16 +119,28 @@ class Standstill:
         found = []
         if is_held_otherwise(shift_mm, turn_rad):
             found.append(
-                f"the arm stands {shift_mm:.1f} mm and {np.degrees(turn_rad):.1f} degrees from "
-                "where it was left"
+                say(
+                    "the arm stands {shift_mm:.1f} mm and {degrees:.1f} degrees from "
+                    "where it was left",
+                    shift_mm=shift_mm,
+                    degrees=np.degrees(turn_rad),
+                )
             )
         for name, was_mm, is_mm in zip(("arm", "fixed"), openings_mm, now_mm, strict=True):
             if abs(is_mm - was_mm) > LOST_MM:
                 found.append(
-                    f"the jaws of the {name} gripper stand at {is_mm:.1f} mm, {was_mm:.1f} mm "
-                    "as they were left"
+                    say(
+                        "the jaws of the {name} gripper stand at {is_mm:.1f} mm, "
+                        "{was_mm:.1f} mm as they were left",
+                        name=name,
+                        is_mm=is_mm,
+                        was_mm=was_mm,
+                    )
                 )
         if found:
             raise NotProvenError(
-                f"{' and '.join(found)}; put that back and resume, or stop the run and start again"
+                say(
+                    "{found}; put that back and resume, or stop the run and start again",
+                    found=joined(" and ", found),
+                )
             )

@@ -13,6 +13,7 @@ from controller.cell.custody import Around, Custody, TrayRecord
 from controller.cell.journal import Body, Journal, rows
 from controller.cell.machine import Act, Budgets, Recovery
 from controller.planning import Grasp
+from messages import key, say
 
 from .holds import arm_hold_row, fixed_hold_row, matrix
 from .part import PartInGripper, PartRecord
@@ -217,7 +218,7 @@ class BatchRecord:
     def held(self) -> PartInGripper:
         """Return the arm gripper's hold of the part; the gripper must hold it."""
         hold = self.part.hold
-        assert hold is not None, "the arm gripper is empty"
+        assert hold is not None, key("the arm gripper is empty")
         return hold
 
     def expect_hold(self, grasp: Grasp) -> None:
@@ -280,7 +281,7 @@ class BatchRecord:
                 alarm=alarm_of(code).number if code else 0,
             )
         )
-        self.show(f"{recovery.reason}; {words}", remaining_s=None)
+        self.show(say("{reason}; {words}", reason=recovery.reason, words=words), remaining_s=None)
 
     def show(self, label: str, **more: object) -> None:
         """Display the cell's present action; ``more`` are fields of `RunProgress`."""
@@ -339,7 +340,7 @@ class BatchRecord:
 
     async def repeat_intent(self, intent: rows.Intent) -> None:
         """Write the unresolved intent of an interrupted run, which this run has to resolve."""
-        more = {"by": "recovery", "detail": "of the interrupted run"}
+        more = {"by": "recovery", "detail": key("of the interrupted run")}
         await self._journal.write_secured(intent.model_copy(update=more), self.part.number)
 
     @asynccontextmanager

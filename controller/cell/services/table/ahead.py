@@ -21,6 +21,7 @@ from controller.cell.services.trays import TRAYS
 from controller.inspection import Verdict
 from controller.planning import OnTable, Plan
 from controller.recognition import Sighting
+from messages import key, say
 
 from .choosing import apart_deg, apart_mm
 
@@ -72,12 +73,22 @@ class Foreseen:
         for was, turns in zip(objects, self.turns_deg, strict=True):
             found = next((now for now in left if unseen_turn(was, now, turns) is not None), None)
             if found is None:
-                name = was.part or "the unknown object"
-                return f"{name} at x {was.x_mm:.0f}, y {was.y_mm:.0f} mm is not as it was"
+                name = was.part or key("the unknown object")
+                return say(
+                    "{name} at x {x_mm:.0f}, y {y_mm:.0f} mm is not as it was",
+                    name=name,
+                    x_mm=was.x_mm,
+                    y_mm=was.y_mm,
+                )
             left.remove(found)
         if left:
-            name = left[0].part or "an unknown object"
-            return f"{name} at x {left[0].x_mm:.0f}, y {left[0].y_mm:.0f} mm is new"
+            name = left[0].part or key("an unknown object")
+            return say(
+                "{name} at x {x_mm:.0f}, y {y_mm:.0f} mm is new",
+                name=name,
+                x_mm=left[0].x_mm,
+                y_mm=left[0].y_mm,
+            )
         return ""
 
     def place_in(self, seen: Seen) -> int:
@@ -188,9 +199,9 @@ class LookAhead:
     def _why_void(self, foreseen: Foreseen) -> str:
         """Return why a plan no longer holds, whatever is on the table; empty if it does."""
         if foreseen.avoid != foreseen.product.budgets.grasps:
-            return "a grasp is avoided now that was allowed when the plan was made"
+            return key("a grasp is avoided now that was allowed when the plan was made")
         if _places(foreseen.around.stored) != _places(self._record.trays.stored):
-            return "the part before it went into another nest"
+            return key("the part before it went into another nest")
         return ""
 
     async def _foresee(self, choose: Choose, seen: Seen) -> Foreseen | None:

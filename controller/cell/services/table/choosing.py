@@ -13,6 +13,7 @@ import numpy as np
 from controller.cell.compute import Pickable
 from controller.cell.errors import PartProblemError
 from controller.cell.journal.rows import SightingFields
+from messages import joined, key, say
 
 # Objects beside a part that was taken, or dropped next to it, may have been pushed by this much.
 PUSHED_MM: Final = 15.0
@@ -96,8 +97,13 @@ def candidates(
         if len(found) > 1:
             raise PartProblemError(
                 "many_parts",
-                f"{len(found)} objects on the table may be the {wanted.words} that was lost: "
-                f"{where([seen[k] for k in found])}; take the others away",
+                say(
+                    "{found_count} objects on the table may be the {words} that was "
+                    "lost: {where}; take the others away",
+                    found_count=len(found),
+                    words=wanted.words,
+                    where=where([seen[k] for k in found]),
+                ),
             )
         return found
     found = _not_left(seen, found, left)
@@ -114,9 +120,16 @@ def _not_left(
     rest = tuple(k for k in found if known[k] is None)
     again = rest or tuple(k for k, one in known.items() if one is not None and one.is_freer(seen))
     if not again:
-        reasons = "; ".join(dict.fromkeys(one.reason for one in known.values() if one is not None))
+        reasons = joined(
+            "; ", dict.fromkeys(one.reason for one in known.values() if one is not None)
+        )
         raise PartProblemError(
-            "no_plan", f"nothing on the table can be taken as it lies: {where(seen)}: {reasons}"
+            "no_plan",
+            say(
+                "nothing on the table can be taken as it lies: {where}: {reasons}",
+                where=where(seen),
+                reasons=reasons,
+            ),
         )
     return again
 
@@ -129,9 +142,13 @@ def _alone(
     if len(of_batch) > 1:
         raise PartProblemError(
             "many_parts",
-            f"{len(of_batch)} parts on the table: {where([seen[k] for k in of_batch])}; no "
-            f"picture shows which of them has {wanted.scanned}: leave only that one on the "
-            "table",
+            say(
+                "{of_batch_count} parts on the table: {where}; no picture shows "
+                "which of them has {scanned}: leave only that one on the table",
+                of_batch_count=len(of_batch),
+                where=where([seen[k] for k in of_batch]),
+                scanned=wanted.scanned,
+            ),
         )
     return found
 
@@ -153,9 +170,15 @@ def _in_order(
         name = str(seen[first[0]].part)
         raise PartProblemError(
             "many_parts",
-            f"{len(first)} parts {name} on the table: {where([seen[k] for k in first])}; no "
-            f"picture shows which of them has {wanted.serials[name]}: put parts with serial "
-            "numbers on the table one at a time",
+            say(
+                "{first_count} parts {name} on the table: {where}; no picture "
+                "shows which of them has {serials}: put parts with serial numbers "
+                "on the table one at a time",
+                first_count=len(first),
+                name=name,
+                where=where([seen[k] for k in first]),
+                serials=wanted.serials[name],
+            ),
         )
     return rest
 
@@ -194,21 +217,34 @@ def chosen(
     if not free:
         raise PartProblemError(
             "many_parts",
-            f"{len(seen)} objects on the table: {where(seen)}; no gripper reaches "
-            f"{seen[among[0]].part} between them: move them apart",
+            say(
+                "{seen_count} objects on the table: {where}; no gripper reaches "
+                "{part} between them: move them apart",
+                seen_count=len(seen),
+                where=where(seen),
+                part=seen[among[0]].part,
+            ),
         )
     return max(free, key=worth)
 
 
 def where(seen: Sequence[SightingFields]) -> str:
     """Return the objects and their places, for a message."""
-    return "; ".join(
-        f"{one.part or 'unknown object'} at x {one.x_mm:.0f}, y {one.y_mm:.0f} mm"
-        + (", touching another" if one.touching_count else "")
-        + (", lying on another" if one.lies_on else "")
-        + (", under another" if one.is_covered else "")
-        + (", partly outside the backlit area" if one.is_cut else "")
-        for one in seen
+    return joined(
+        "; ",
+        (
+            say(
+                "{part} at x {x_mm:.0f}, y {y_mm:.0f} mm",
+                part=one.part or key("unknown object"),
+                x_mm=one.x_mm,
+                y_mm=one.y_mm,
+            )
+            + (", touching another" if one.touching_count else "")
+            + (", lying on another" if one.lies_on else "")
+            + (", under another" if one.is_covered else "")
+            + (", partly outside the backlit area" if one.is_cut else "")
+            for one in seen
+        ),
     )
 
 
@@ -249,30 +285,55 @@ def _none_of_them(seen: Sequence[SightingFields], wanted: WantedParts) -> PartPr
     if len(seen) > 1:
         return PartProblemError(
             "many_parts",
-            f"{len(seen)} objects on the table, and none is {name} that can be taken: "
-            f"{where(seen)}; lay {name} there, or start with a recipe for one of them",
+            say(
+                "{seen_count} objects on the table, and none is {name} that can be "
+                "taken: {where}; lay {name} there, or start with a recipe for one "
+                "of them",
+                seen_count=len(seen),
+                name=name,
+                where=where(seen),
+            ),
         )
     (one,) = seen
-    at = f"at x {one.x_mm:.0f}, y {one.y_mm:.0f} mm"
+    at = say("at x {x_mm:.0f}, y {y_mm:.0f} mm", x_mm=one.x_mm, y_mm=one.y_mm)
     if one.part is None:
         return PartProblemError(
             "unknown_object",
-            f"the object {at}: {one.reason}; take it away, or check the recipe's `part:`",
+            say(
+                "the object {at}: {reason}; take it away, or check the recipe's `part:`",
+                at=at,
+                reason=one.reason,
+            ),
         )
     if one.is_cut:
         return PartProblemError(
             "part_cut_off",
-            f"{one.part} {at} lies partly outside the backlit area: "
-            f"{100 * one.free_share:.0f} % of its outline is visible; move it inwards and "
-            "start again",
+            say(
+                "{part} {at} lies partly outside the backlit area: "
+                "{free_share:.0f} % of its outline is visible; move it inwards and "
+                "start again",
+                part=one.part,
+                at=at,
+                free_share=100 * one.free_share,
+            ),
         )
     if one.part in wanted.batch:
         return PartProblemError(
             "wrong_part",
-            f"{one.part} is {at}, and enough of those are done; take it away, and put {name} there",
+            say(
+                "{part} is {at}, and enough of those are done; take it away, and put {name} there",
+                part=one.part,
+                at=at,
+                name=name,
+            ),
         )
     return PartProblemError(
         "wrong_part",
-        f"{one.part} is {at}, the recipe is for {name}; put that there, or start with a recipe "
-        f"for {one.part}",
+        say(
+            "{part} is {at}, the recipe is for {name}; put that there, or "
+            "start with a recipe for {part}",
+            part=one.part,
+            at=at,
+            name=name,
+        ),
     )

@@ -12,6 +12,7 @@ from typing import Final
 from controller.cell.errors import PartProblemError
 from controller.cell.operator import NOBODY, Operator, Question
 from controller.cell.services.records import BatchProduct, PartRecord
+from messages import key, say
 
 MAX_SERIAL: Final = 80  # largest length in characters
 SCAN: Final = "scan"  # code of the question for a number
@@ -27,7 +28,11 @@ class Label:
     @property
     def words(self) -> str:
         """The part's name in messages, which distinguishes it from others."""
-        return f"the serial number {self.serial}" if self.serial else f"the lot {self.lot}"
+        return (
+            say("the serial number {serial}", serial=self.serial)
+            if self.serial
+            else say("the lot {lot}", lot=self.lot)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +78,9 @@ def parted(serial: str) -> tuple[str, str]:
 def why_no_serial(text: str) -> str:
     """Return the reason why a text is no serial number; empty if it may be one."""
     if not text or text != text.strip() or not text.isprintable():
-        return "a serial number is printable, and neither begins nor ends with a space"
+        return key("a serial number is printable, and neither begins nor ends with a space")
     if len(text) > MAX_SERIAL:
-        return f"a serial number has {MAX_SERIAL} characters at most"
+        return say("a serial number has {max_serial} characters at most", max_serial=MAX_SERIAL)
     return ""
 
 
@@ -110,14 +115,18 @@ class Labels:
             return
         question = Question(
             code=SCAN,
-            text="Lay the next part on the table, alone of its batch, and read its serial number",
+            text=key(
+                "Lay the next part on the table, alone of its batch, and read its serial number"
+            ),
             choices=(),
-            entry="serial number",
+            entry=key("serial number"),
             check=self.why_not,
         )
         answer = await self.operator.decide(question)
         if answer is None:
-            raise PartProblemError("no_serial", "nobody read the serial number of the next part")
+            raise PartProblemError(
+                "no_serial", key("nobody read the serial number of the next part")
+            )
         part.scanned = answer.key
 
     def is_coded(self, product: BatchProduct) -> bool:
@@ -138,7 +147,7 @@ class Labels:
         def why_not(text: str) -> str:
             return self.why_not(text, product)
 
-        asked = Question(SCAN, question, (), entry="serial number", check=why_not)
+        asked = Question(SCAN, question, (), entry=key("serial number"), check=why_not)
         answer = await self.operator.decide(asked)
         return None if answer is None else answer.key
 
@@ -153,12 +162,12 @@ class Labels:
         if why := why_no_serial(text):
             return why
         if text in self.used:
-            return f"{text}: a part of this run has this number already"
+            return say("{text}: a part of this run has this number already", text=text)
         known = {label.serial: number for number, label in self.order.listed if label.serial}
         if known and text not in known:
-            return f"{text}: the list of parts has no such number"
+            return say("{text}: the list of parts has no such number", text=text)
         if known and product is not None and known[text] != product.number:
-            return f"{text}: the list of parts has this number for another recipe"
+            return say("{text}: the list of parts has this number for another recipe", text=text)
         return ""
 
     def take_read(self, serial: str, product: BatchProduct) -> Label:

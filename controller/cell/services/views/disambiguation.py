@@ -10,8 +10,9 @@ from controller.cell.machine import PartFault
 from controller.cell.services.records import BatchRecord, PartInGripper
 from controller.imaging import inverse_pose
 from controller.planning import Ambiguity
+from messages import joined, key, say
 
-TAKE_OUT = "take it out with `cellctl recover --open arm`"
+TAKE_OUT = key("take it out with `cellctl recover --open arm`")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,28 +58,43 @@ class Disambiguation:
         if not left:
             raise PartProblemError(
                 "unknown_object",
-                f"the part in the arm gripper matches none of {', '.join(names)}; "
-                f"{TAKE_OUT}, check it for damage and the recipe's `part:`",
+                say(
+                    "the part in the arm gripper matches none of {names}; {take_out}, "
+                    "check it for damage and the recipe's `part:`",
+                    names=", ".join(names),
+                    take_out=TAKE_OUT,
+                ),
             )
         if len(left) > 1:
             raise PartFaultError(
                 PartFault.AMBIGUOUS,
-                f"the view does not decide between {_listed([names[k] for k in left])}",
+                say(
+                    "the view does not decide between {listed}",
+                    listed=_listed([names[k] for k in left]),
+                ),
             )
         found = ambiguity.hypotheses[left[0]]
         if found.name != names[0]:
             raise PartFaultError(
                 PartFault.AMBIGUOUS,
-                f"the part in the arm gripper is {found.name}, the recipe is for {names[0]}",
+                say(
+                    "the part in the arm gripper is {name}, the recipe is for {names}",
+                    name=found.name,
+                    names=names[0],
+                ),
             )
         hold.T_part_tcp = inverse_pose(found.T_tcp_part)
         self.record.note_hold()
         raise PartFaultError(
-            PartFault.HELD_OTHERWISE, "the view shows a stable pose other than expected"
+            PartFault.HELD_OTHERWISE, key("the view shows a stable pose other than expected")
         )
 
 
 def _listed(names: list[str]) -> str:
     """Return the remaining parts, in words; hypotheses of one part differ by its pose."""
     parts = list(dict.fromkeys(names))
-    return " and ".join(parts) if len(parts) > 1 else f"{len(names)} poses of {parts[0]}"
+    return (
+        joined(" and ", parts)
+        if len(parts) > 1
+        else say("{names_count} poses of {parts}", names_count=len(names), parts=parts[0])
+    )

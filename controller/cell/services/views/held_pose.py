@@ -1,6 +1,7 @@
 """Measures the part's pose in the arm gripper, by the inspection camera."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from controller.planning import shown_pose
 from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
 from controller.setup.holder import holder_boxes
+from messages import key, say
 
 from ..faults import Recoveries
 from ..imaging import Imaging
@@ -23,6 +25,12 @@ from .views import Views
 
 # After this many views in a row without confirmation, a hold is no longer trusted.
 BAD_VIEW_COUNT = 2
+HAS_SLIPPED: Final = key(
+    "the part sits {shift_mm:.1f} mm and {turn_deg:.1f} degrees from where it was in the gripper"
+)
+IS_NOT_AS_PLANNED: Final = key(
+    "the part sits {shift_mm:.1f} mm and {turn_deg:.1f} degrees from where the grasp was planned"
+)
 # Tolerance of joints on a configuration: servo error and counts [rad, mm].
 SAME_CONFIGURATION = np.array([0.01, 0.01, 0.01, 0.5, 0.01, 0.01])
 
@@ -70,7 +78,7 @@ class HeldPose:
         found = await self.compute.find_hold(expected, hold.T_part_tcp, holder, backlit)
         if found is None:
             raise PartFaultError(
-                PartFault.HOLD_NOT_SEEN, "the camera does not see the part in the arm gripper"
+                PartFault.HOLD_NOT_SEEN, key("the camera does not see the part in the arm gripper")
             )
         hold.T_part_tcp = inverse_pose(found) @ tcp_pose(self.layout, q)
         hold.is_measured = True
@@ -107,8 +115,11 @@ class HeldPose:
         if is_held_otherwise(shift_mm, turn_rad) and not is_bearable:
             raise PartFaultError(
                 PartFault.HELD_OTHERWISE,
-                f"the part sits {shift_mm:.1f} mm and {np.degrees(turn_rad):.1f} degrees from "
-                + ("where it was in the gripper" if was_known else "where the grasp was planned"),
+                say(
+                    HAS_SLIPPED if was_known else IS_NOT_AS_PLANNED,
+                    shift_mm=shift_mm,
+                    turn_deg=np.degrees(turn_rad),
+                ),
                 # at first it is where the table's picture was wrong; later on it has slipped
                 source=GRASP + hold.grasp.id if was_known else "",
             )
@@ -123,7 +134,7 @@ class HeldPose:
         if found is None and not (hold.is_measured and hold.unconfirmed_count < BAD_VIEW_COUNT):
             raise PartFaultError(
                 PartFault.HOLD_NOT_SEEN,
-                f"the camera does not confirm how the part is held: {reason}",
+                say("the camera does not confirm how the part is held: {reason}", reason=reason),
             )
         return found
 

@@ -19,6 +19,7 @@ from controller.config.view_set import unpacked
 from controller.planning.model import CellLayout
 from drivers.pictures import BrokenPictureError
 from drivers.pictures import decode as decode_picture
+from messages import say
 
 from .judging import Background, judge_held, judge_on_table
 
@@ -142,7 +143,9 @@ def _read(path: Path) -> Grey:
     try:
         return np.asarray(decode_picture(path.read_bytes(), "grey"), dtype=np.uint8)
     except BrokenPictureError as error:
-        raise OSError(0, f"was written as a picture, but {error}", str(path)) from error
+        raise OSError(
+            0, say("was written as a picture, but {error}", error=error), str(path)
+        ) from error
 
 
 def _copy(source: Path, target: Path, files: tuple[str, ...]) -> dict[str, str]:

@@ -10,6 +10,7 @@ from typing import Final
 
 from controller.cad import Solid
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
+from messages import say
 
 from .._types import (
     Characteristic,
@@ -114,7 +115,7 @@ def _limited(characteristic: Characteristic, drawn: Dimension) -> Characteristic
         nominal_mm=round(drawn.nominal, DIGITS),
         lower_mm=round(drawn.nominal + lower, DIGITS),
         upper_mm=round(drawn.nominal + upper, DIGITS),
-        source=f"{SOURCE} {drawn.fit}".strip(),
+        source=say("{source} {fit}", source=SOURCE, fit=drawn.fit).strip(),
         is_critical=True,
     )
 

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from controller.arrays import FloatArray
 from controller.cad import Crease, Solid
+from messages import say
 
 from .._types import Rim
 from ..edges import RoundWall
@@ -42,7 +43,11 @@ class RoundFeature:
     @property
     def name(self) -> str:
         """Kind and size, such as ``hole 6.76 mm``."""
-        return f"{'hole' if self.is_hole else 'boss'} {size_text(2 * self.walls[0].radius_mm)}"
+        return say(
+            "{what} {size_text}",
+            what="hole" if self.is_hole else "boss",
+            size_text=size_text(2 * self.walls[0].radius_mm),
+        )
 
 
 def diameter_rims(wall: RoundWall) -> tuple[Rim, ...]:

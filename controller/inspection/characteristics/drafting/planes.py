@@ -16,6 +16,7 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, sample_surface
 from controller.imaging.rays import RayCaster
+from messages import key, say
 
 from .._types import CharacteristicKind, EdgeLine, EdgePairGeometry, Rim
 from ..edges import convex_lines, plane_rims
@@ -237,9 +238,9 @@ def _pair(
 ) -> PlanePair:
     bare = [plane.face for plane in (low, high) if not (plane.lines or plane.rims)]
     if bare:
-        hidden = f"no outer edge shows the level of F{bare[0]}"
+        hidden: str = say("no outer edge shows the level of F{bare}", bare=bare[0])
     elif not (low.shown & high.shown).any():
-        hidden = "no view from the side shows both its planes"
+        hidden = key("no view from the side shows both its planes")
     else:
         hidden = ""
     geometry = EdgePairGeometry(

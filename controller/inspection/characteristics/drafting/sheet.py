@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
+from messages import say
 
 # Amount added before rounding, since a nominal 15.875 may be 15.8749 in a mesh.
 HALF_UP_MM: Final = 1e-4
@@ -38,4 +39,4 @@ def reading_order(axis: FloatArray, p_mm: FloatArray) -> tuple[int, int, int, in
 
 def size_text(size_mm: float) -> str:
     """Return a size as written on drawings, such as ``6.76 mm``."""
-    return f"{round(size_mm + HALF_UP_MM, 2):g} mm"
+    return say("{n:g} mm", n=round(size_mm + HALF_UP_MM, 2))

@@ -16,6 +16,7 @@ from controller.arrays import FloatArray
 from controller.cad import Feature, Solid
 from controller.cad.graph import components
 from controller.cad.surfaces import FeatureWall
+from messages import key, say
 
 from .._types import Characteristic, CharacteristicKind, EdgePairGeometry
 from ..edges import RoundWall
@@ -24,20 +25,22 @@ from .holes import MIN_DEPTH_MM
 from .planes import SAME_LEVEL_MM
 from .sheet import size_text
 
-NO_DEPTH: Final = "no picture shows the depth of a hole"
-NO_HEIGHT: Final = "no plane across the part is measured against its end"
-NO_FLOOR: Final = "no plane of the part is measured against its floor"
-NO_PLACE: Final = "no plane of the part is measured against its walls"
-NO_WALLS: Final = "no two of its walls face each other at a distance that is measured"
-NO_ENDS: Final = "its ends have no rim in one plane"
-SHALLOW: Final = f"it is less than {MIN_DEPTH_MM:g} mm high, as marks and letters are"
-ROUNDED: Final = "its rim is rounded off or ends in corners, so no edge shows it"
-SHORT: Final = "its open rims go round by no more than a half"
-NOT_ROUND: Final = "none of its rims goes all the way round"
-CONE: Final = "the rim of a cone is compared, not measured"
-BEVEL: Final = "the edges of a chamfer are compared, not measured"
-NO_ARC: Final = "no open rim of 60 degrees or more shows its radius"
-OWN_DATUM: Final = "it is the outline that places are given from"
+NO_DEPTH: Final = key("no picture shows the depth of a hole")
+NO_HEIGHT: Final = key("no plane across the part is measured against its end")
+NO_FLOOR: Final = key("no plane of the part is measured against its floor")
+NO_PLACE: Final = key("no plane of the part is measured against its walls")
+NO_WALLS: Final = key("no two of its walls face each other at a distance that is measured")
+NO_ENDS: Final = key("its ends have no rim in one plane")
+SHALLOW: Final = say(
+    "it is less than {min_depth_mm:g} mm high, as marks and letters are", min_depth_mm=MIN_DEPTH_MM
+)
+ROUNDED: Final = key("its rim is rounded off or ends in corners, so no edge shows it")
+SHORT: Final = key("its open rims go round by no more than a half")
+NOT_ROUND: Final = key("none of its rims goes all the way round")
+CONE: Final = key("the rim of a cone is compared, not measured")
+BEVEL: Final = key("the edges of a chamfer are compared, not measured")
+NO_ARC: Final = key("no open rim of 60 degrees or more shows its radius")
+OWN_DATUM: Final = key("it is the outline that places are given from")
 
 _KIND = CharacteristicKind
 
@@ -77,7 +80,14 @@ def unmeasured(
     """
     known = _Known(solid, rows, walls)
     return [
-        Unmeasured(kind, f"{name} {word}", size, faces, _geometry(feature), reason)
+        Unmeasured(
+            kind,
+            say("{name} {word}", name=name, word=word),
+            size,
+            faces,
+            _geometry(feature),
+            reason,
+        )
         for feature in features
         for name, word, kind, size, faces, reason in _wanted(solid, feature, known)
     ]
@@ -99,24 +109,38 @@ def _wanted(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted
         case "slot" | "keyway" | "pocket" | "opening":
             yield from _recess(solid, feature, known)
         case "chamfer":
-            name = f"chamfer {size_text(feature.width_mm)} F{feature.faces[0]}"
+            name = say(
+                "chamfer {size_text} F{faces}",
+                size_text=size_text(feature.width_mm),
+                faces=feature.faces[0],
+            )
             yield name, "width", _KIND.WIDTH, feature.width_mm, feature.faces, BEVEL
         case "fillet":
             if not known.has(feature.faces[0], _KIND.RADIUS, _KIND.DIAMETER):
                 radius = feature.diameter_mm / 2
                 word = "fillet" if feature.is_concave else "round"
-                name = f"{word} R{size_text(radius)} F{feature.faces[0]}"
+                name = say(
+                    "{word} R{size_text} F{faces}",
+                    word=word,
+                    size_text=size_text(radius),
+                    faces=feature.faces[0],
+                )
                 yield name, "radius", _KIND.RADIUS, radius, feature.faces, NO_ARC
 
 
 def _round(feature: Feature, known: "_Known") -> Iterator[_Wanted]:
     """Yield the uncovered sizes of a hole or a boss."""
-    base = f"{feature.kind} {size_text(feature.diameter_mm)}"
+    base = say("{kind} {size_text}", kind=feature.kind, size_text=size_text(feature.diameter_mm))
     widest = max((s.diameter_mm for s in feature.steps if s.kind == "cylinder"), default=0.0)
     for step in feature.steps:
         faces = (step.face,)
-        own = f" step {size_text(step.diameter_mm)}"
-        name = f"{base} F{step.face}{own if step.diameter_mm != feature.diameter_mm else ''}"
+        own = say(" step {size_text}", size_text=size_text(step.diameter_mm))
+        name = say(
+            "{base} F{face}{own}",
+            base=base,
+            face=step.face,
+            own=own if step.diameter_mm != feature.diameter_mm else "",
+        )
         if step.kind == "cylinder":
             for kind, word, size in (
                 (_KIND.DIAMETER, "diameter", step.diameter_mm),
@@ -129,10 +153,10 @@ def _round(feature: Feature, known: "_Known") -> Iterator[_Wanted]:
             yield name, "diameter", _KIND.DIAMETER, step.diameter_mm, faces, CONE
     if feature.kind == "boss":
         if not known.is_placed(feature.ends, feature.faces):
-            name = f"{base} F{feature.steps[0].face}"
+            name = say("{base} F{face}", base=base, face=feature.steps[0].face)
             yield name, "height", _KIND.DISTANCE, feature.depth_mm, feature.faces, NO_HEIGHT
     elif not feature.is_through and not known.has_depth(feature.faces):
-        name = f"{base} F{feature.steps[0].face}"
+        name = say("{base} F{face}", base=base, face=feature.steps[0].face)
         yield name, "depth", _KIND.DISTANCE, feature.depth_mm, feature.faces, NO_DEPTH
 
 
@@ -171,7 +195,13 @@ def _recess(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted
 def recess_name(feature: Feature) -> str:
     """Return the name of a slot, a keyway, a pocket or an opening, with its sizes."""
     width = size_text(feature.width_mm).removesuffix(" mm")
-    return f"{feature.kind} {width} x {size_text(feature.length_mm)} F{feature.faces[0]}"
+    return say(
+        "{kind} {width} x {size_text} F{faces}",
+        kind=feature.kind,
+        width=width,
+        size_text=size_text(feature.length_mm),
+        faces=feature.faces[0],
+    )
 
 
 class _Known:

@@ -5,13 +5,15 @@ The rules in words: docs/characteristics.md.
 
 from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
 from controller.arrays import FloatArray
 from controller.cad import Feature, Solid
+from messages import Message, joined, key, say
 
 from .._types import (
     GENERAL,
@@ -39,7 +41,7 @@ from .unmeasured import NO_DEPTH, Unmeasured, recess_name, unmeasured
 
 SAME_SIZE_MM = 0.01
 NOMINAL_DIGITS = 3  # decimals of a nominal value; circles of a mesh are good to microns
-FROM_OUTLINE = "from the outline"
+FROM_OUTLINE: Final = key("from the outline")
 COAXIAL_MM = 0.5  # distance below which an axis is meant to coincide with its datum
 
 
@@ -73,6 +75,23 @@ def nominal_characteristics(
     return tuple(replace(c, balloon=i) for i, c in enumerate(found, start=1))
 
 
+# Labels by the templates of names: with a comma before the kind.
+LABELS: Final[Mapping[str, str]] = {
+    "{name} diameter": key("{name}, diameter"),
+    "{name} length": key("{name}, length"),
+    "{name} position": key("{name}, position"),
+    "{name} radius": key("{name}, radius"),
+    "{name} {word}": key("{name}, {word}"),
+}
+# Names of the sizes between two planes, by what they are.
+PAIR_NAMES: Final[Mapping[str, str]] = {
+    "length": key("length {size} F{face} to F{other}"),
+    "step": key("step {size} F{face} to F{other}"),
+    "thickness": key("thickness {size} F{face} to F{other}"),
+    "width": key("width {size} F{face} to F{other}"),
+}
+
+
 def numbered(names: list[str]) -> list[str]:
     """Return names with ``(1)``, ``(2)`` and so on appended to repeated ones."""
     count = Counter(names)
@@ -80,7 +99,9 @@ def numbered(names: list[str]) -> list[str]:
     unique = []
     for name in names:
         so_far[name] += 1
-        unique.append(f"{name} ({so_far[name]})" if count[name] > 1 else name)
+        unique.append(
+            say("{name} ({so_far})", name=name, so_far=so_far[name]) if count[name] > 1 else name
+        )
     return unique
 
 
@@ -106,16 +127,32 @@ class _Writer:
         outline = _Outline(solid)
         for feature, name, datum in zip(ordered, names, datums, strict=True):
             for wall in feature.walls:
-                step = "" if wall is feature.walls[0] else f" step {size_text(2 * wall.radius_mm)}"
-                found += self._of_wall(outline, wall, f"{name}{step}", datum)
+                step = (
+                    ""
+                    if wall is feature.walls[0]
+                    else say(" step {size_text}", size_text=size_text(2 * wall.radius_mm))
+                )
+                found += self._of_wall(outline, wall, joined("", (name, step)), datum)
                 if wall.is_hole and ends_inside(solid, wall, inner):
                     depth = depth_of.get(wall.faces[0])
-                    found.append(self._depth(wall, f"{name}{step} depth", depth))
+                    found.append(
+                        self._depth(wall, say("{name}{step} depth", name=name, step=step), depth)
+                    )
         return found
 
     def of_slots(self, solid: Solid, slots: Iterable[RoundSlot]) -> list[Characteristic]:
         ordered = sorted(slots, key=lambda s: reading_order(s.axis, s.rims[0].centre_mm))
-        names = numbered([f"{s.word} {s.width_mm:g} x {size_text(s.length_mm)}" for s in ordered])
+        names = numbered(
+            [
+                say(
+                    "{word} {width_mm:g} x {size_text}",
+                    word=s.word,
+                    width_mm=s.width_mm,
+                    size_text=size_text(s.length_mm),
+                )
+                for s in ordered
+            ]
+        )
         outline = _Outline(solid)
         found = []
         for slot, name in zip(ordered, names, strict=True):
@@ -124,7 +161,7 @@ class _Writer:
             found += [
                 self._sized(
                     CharacteristicKind.LENGTH,
-                    f"{name} length",
+                    say("{name} length", name=name),
                     slot.length_mm,
                     geometry,
                     slot.faces,
@@ -139,18 +176,28 @@ class _Writer:
         found = []
         for pair in pairs:
             faces = pair.geometry.one_face, pair.geometry.other_face
-            name = f"{pair.word} {size_text(pair.distance_mm)} F{min(faces)} to F{max(faces)}"
+            name = say(
+                PAIR_NAMES[pair.word],
+                size=size_text(pair.distance_mm),
+                face=min(faces),
+                other=max(faces),
+            )
             sized = self._sized(pair.kind, name, pair.distance_mm, pair.geometry, faces)
             found.append(_left_out(sized, pair.hidden) if pair.hidden else sized)
         return found
 
     def of_rounds(self, arcs: Iterable[Round]) -> list[Characteristic]:
         ordered = sorted(arcs, key=lambda r: reading_order(r.rims[0].axis, r.rims[0].centre_mm))
-        names = numbered([f"{r.name} R{size_text(r.wall.radius_mm)}" for r in ordered])
+        names = numbered(
+            [
+                say("{name} R{size_text}", name=r.name, size_text=size_text(r.wall.radius_mm))
+                for r in ordered
+            ]
+        )
         return [
             self._sized(
                 CharacteristicKind.RADIUS,
-                f"{name} radius",
+                say("{name} radius", name=name),
                 each.wall.radius_mm,
                 RimGeometry(each.rims),
                 each.wall.faces,
@@ -164,7 +211,9 @@ class _Writer:
         """Return the depths of slots and pockets; those of holes are known."""
         geometries = {id(c.geometry) for c in known}
         rest = [one for one in deep if id(one.geometry) not in geometries]
-        names = numbered([f"{_recess_name(one, features)} depth" for one in rest])
+        names = numbered(
+            [say("{recess_name} depth", recess_name=_recess_name(one, features)) for one in rest]
+        )
         return [
             self._sized(
                 CharacteristicKind.DISTANCE,
@@ -189,7 +238,7 @@ class _Writer:
         found = [
             self._sized(
                 CharacteristicKind.DIAMETER,
-                f"{name} diameter",
+                say("{name} diameter", name=name),
                 2 * wall.radius_mm,
                 RimGeometry(rims),
                 wall.faces,
@@ -200,7 +249,7 @@ class _Writer:
         reach = outline.reach_mm(wall, datum)
         if not wall.is_hole and reach < wall.radius_mm + SAME_SIZE_MM:
             return found  # the outline itself
-        whence = f"from {datum.name}" if datum is not None else FROM_OUTLINE
+        whence = say("from {name}", name=datum.name) if datum is not None else FROM_OUTLINE
         geometry = RimGeometry(rims, diameter_rims(datum.walls[0]) if datum is not None else ())
         return [*found, self._placed(name, reach, whence, geometry, wall.faces)]
 
@@ -225,12 +274,12 @@ class _Writer:
         deviation = linear_tolerance_mm(reach_mm, self.tolerance_class)
         placed = self._characteristic(
             CharacteristicKind.POSITION,
-            f"{name} position",
+            say("{name} position", name=name),
             0.0,
             (0.0, deviation or 0.0),
             geometry,
             faces,
-            label=f"{name}, position {whence}",
+            label=say("{name}, position {whence}", name=name, whence=whence),
             length_mm=reach_mm,
         )
         return placed if deviation is not None else self._without_tolerance(placed, reach_mm)
@@ -252,7 +301,12 @@ class _Writer:
         return sized if deviation is not None else self._without_tolerance(sized, nominal)
 
     def _without_tolerance(self, one: Characteristic, size_mm: float) -> Characteristic:
-        why = f"{GENERAL}{self.tolerance_class} has no tolerance for {size_text(size_mm)}"
+        why = say(
+            "{general}{tolerance_class} has no tolerance for {size_text}",
+            general=GENERAL,
+            tolerance_class=self.tolerance_class,
+            size_text=size_text(size_mm),
+        )
         return _left_out(one, why)
 
     def _characteristic(
@@ -266,12 +320,11 @@ class _Writer:
         label: str = "",
         length_mm: float = 0.0,
     ) -> Characteristic:
-        word = f" {kind.value}"
         return Characteristic(
             id=name,
             balloon=0,
             kind=kind,
-            label=label or (f"{name.removesuffix(word)},{word}" if name.endswith(word) else name),
+            label=label or _label(kind, name),
             nominal_mm=nominal_mm,
             lower_mm=round(limits_mm[0], NOMINAL_DIGITS),
             upper_mm=round(limits_mm[1], NOMINAL_DIGITS),
@@ -282,10 +335,21 @@ class _Writer:
         )
 
 
+def _label(kind: CharacteristicKind, name: str) -> str:
+    """Return a name with a comma before the kind that it ends with, unless it is numbered."""
+    if isinstance(name, Message) and name.key in LABELS and name.endswith(f" {kind.value}"):
+        return Message(LABELS[name.key], name.values)
+    return name
+
+
 def _recess_name(depth: Depth, features: Sequence[Feature]) -> str:
     own = (f for f in features if f.across and depth.walls & set(f.faces))
     feature = next(own, None)
-    return f"recess F{depth.geometry.one_face}" if feature is None else recess_name(feature)
+    return (
+        say("recess F{one_face}", one_face=depth.geometry.one_face)
+        if feature is None
+        else recess_name(feature)
+    )
 
 
 def _left_out(one: Characteristic, reason: str) -> Characteristic:

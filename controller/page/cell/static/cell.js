@@ -1,6 +1,5 @@
 // Page "Cell": what is known of devices, calibrations and commissioning; pictures of the last run.
-import { said } from "/static/said.js";
-import { $, el, get, number, post, svg, t, time } from "/static/shared.js";
+import { $, el, get, number, post, said, svg, t, time } from "/static/shared.js";
 
 const PICTURES_EVERY_MS = 3000;
 const DOCTOR_EVERY_MS = 1000;

@@ -1,6 +1,5 @@
 // What the views have compared of the part at hand so far: its faces in three dimensions, figures, a table.
-import { $, el, number, t } from "/static/shared.js";
-import { said } from "/static/said.js";
+import { $, el, number, said, t } from "/static/shared.js";
 
 // Classes of the share of a face that was compared: up to it, state of the drawing.
 const CLASSES = [[0, "plain"], [1 / 3, "little"], [2 / 3, "much"], [1, "most"]];

@@ -10,6 +10,13 @@ export const t = (text, values = {}) => {
   for (const [name, value] of Object.entries(values)) found = found.replace(`{${name}}`, () => String(value));
   return found;
 };
+
+// What the cell says, by its English; each answer brings the words of its texts.
+const sentences = {};
+export const learn = (found) => Object.assign(sentences, found);
+
+// Returns a text of the cell in the language of the person; an unknown one stays as it is.
+export const said = (text) => (Object.hasOwn(sentences, text) ? sentences[text] : t(text));
 export const $ = (id) => document.getElementById(id);
 export const el = (tag, text = "", kind = "") => {
   const made = document.createElement(tag);
@@ -34,7 +41,9 @@ export const time = (utc) => new Date(utc).toLocaleTimeString(language);
 
 async function answered(reply) {
   if (reply.status === 401) location.assign("/login");
-  return reply.json();
+  const found = await reply.json();
+  learn(found.words);
+  return found;
 }
 
 // Fetches JSON.

@@ -1,6 +1,5 @@
 // Page "Now": shows what the server streams, and sends orders. All text goes in as text, never as HTML.
-import { $, el, entries, get, number, post, svg, t, time } from "/static/shared.js";
-import { said } from "/static/said.js";
+import { $, el, entries, get, number, post, said, svg, t, time } from "/static/shared.js";
 import { Coverage } from "/static/coverage.js";
 import { showStart } from "./start.js";
 import { follow } from "./stream.js";

@@ -1,6 +1,5 @@
 // Starts a run: which recipes, how many parts, which serial numbers. The server knows what may be named.
-import { $, el, get, number, post, send, t } from "/static/shared.js";
-import { said } from "/static/said.js";
+import { $, el, get, number, post, said, send, t } from "/static/shared.js";
 
 let choices = null;
 let isSending = false;

@@ -1,5 +1,5 @@
 // The server's stream of what is known: watched for silence, begun anew where it is lost.
-import { t } from "/static/shared.js";
+import { learn, t } from "/static/shared.js";
 
 // What is older is lost: shown, but no longer taken for what is so (FRESH_WALL_S of live.py).
 const LOST_MS = 3000;
@@ -8,7 +8,8 @@ const RETRY_MS = 12000; // a stream that was silent for so long is begun anew
 // The server sends the pieces that have changed; those named `run.…` are of the run.
 const pieces = {};
 
-function joined(changed) {
+function joined({ words, ...changed }) {
+  learn(words);
   Object.assign(pieces, changed);
   const now = {};
   const ofRun = {};

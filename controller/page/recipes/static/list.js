@@ -1,6 +1,5 @@
 // Page "Recipes": the list, and a new recipe from a CAD file.
-import { $, el, entries, get, number, post, send, t } from "/static/shared.js";
-import { said as told } from "/static/said.js";
+import { $, el, entries, get, number, post, said as told, send, t } from "/static/shared.js";
 import { addressOf, drawn, listenToCancel, said, STATE_WORDS, watch } from "/static/recipes/working.js";
 
 const MADE_WORDS = {

@@ -1,6 +1,5 @@
 // Page of one recipe: its part in three dimensions, tolerances in a table, plan and check.
-import { $, el, entries, get, language, number, post, t } from "/static/shared.js";
-import { said as told } from "/static/said.js";
+import { $, el, entries, get, language, number, post, said as told, t } from "/static/shared.js";
 import { addressOf, drawn, listenToCancel, said, STATE_WORDS, watch } from "/static/recipes/working.js";
 
 const { key, own } = $("recipe").dataset;

@@ -1,6 +1,5 @@
 // Work of child processes, as this screen shows it: started, watched, cancelled.
-import { $, get, number, post, t } from "/static/shared.js";
-import { said as told } from "/static/said.js";
+import { $, get, number, post, said as told, t } from "/static/shared.js";
 
 const EVERY_MS = 1000;
 const KIND_WORDS = {

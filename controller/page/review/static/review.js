@@ -1,7 +1,6 @@
 // The verdict of a person: sent once, then the page is fetched anew with what the journal has.
 import { Coverage } from "/static/coverage.js";
-import { said as told } from "/static/said.js";
-import { $, get, post, t } from "/static/shared.js";
+import { $, get, post, said as told, t } from "/static/shared.js";
 
 const form = $("decide");
 const said = $("said");

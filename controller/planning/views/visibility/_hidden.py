@@ -6,6 +6,7 @@ import numpy as np
 
 from controller.arrays import BoolArray
 from controller.cad import Solid
+from messages import key, say
 
 from ...model import HiddenEvidence, VisibilityTable
 
@@ -34,26 +35,50 @@ def why_hidden(
     blocker = solid.faces[int(faces[np.argmax(counts)])].label if len(faces) else ""
     if evidence.too_coarse[piece].mean() >= MAJORITY:
         return (
-            f"too coarse in every picture: seen past the part {np.median(best):.0f} degrees from "
-            "its normal at best, with fewer pixels to the millimetre than are required",
-            "a longer focal length, a camera nearer by, or fewer pixels required in the recipe",
+            say(
+                "too coarse in every picture: seen past the part {median:.0f} "
+                "degrees from its normal at best, with fewer pixels to the "
+                "millimetre than are required",
+                median=np.median(best),
+            ),
+            key(
+                "a longer focal length, a camera nearer by, or fewer pixels required in the recipe"
+            ),
         )
     if evidence.blurred[piece].mean() >= MAJORITY:
         return (
-            f"out of focus in every picture: seen past the part {np.median(best):.0f} degrees "
-            "from its normal at best, but nearer or farther than the picture is sharp",
-            "a smaller aperture, which is sharp over more depth",
+            say(
+                "out of focus in every picture: seen past the part {median:.0f} "
+                "degrees from its normal at best, but nearer or farther than the "
+                "picture is sharp",
+                median=np.median(best),
+            ),
+            key("a smaller aperture, which is sharp over more depth"),
         )
-    stands = f"; {blocker} stands before a look straight at it" if blocker else ""
+    stands = (
+        say("; {blocker} stands before a look straight at it", blocker=blocker) if blocker else ""
+    )
     seen = evidence.best_incidence_rad[piece] < NEVER_RAD
     if seen.mean() >= MAJORITY:
         flattest = float(np.quantile(best[seen], 0.9))
         return (
-            f"hidden by the part itself: seen {np.median(best[seen]):.0f} degrees from its normal "
-            f"at best, where {max_incidence_deg:.0f} count as seen{stands}",
-            f"accept views up to {np.ceil(flattest):.0f} degrees from the normal in the recipe",
+            say(
+                "hidden by the part itself: seen {median:.0f} degrees from its "
+                "normal at best, where {max_incidence_deg:.0f} count as "
+                "seen{stands}",
+                median=np.median(best[seen]),
+                max_incidence_deg=max_incidence_deg,
+                stands=stands,
+            ),
+            say(
+                "accept views up to {ceil:.0f} degrees from the normal in the recipe",
+                ceil=np.ceil(flattest),
+            ),
         )
     return (
-        f"hidden by the part itself: no place of the camera sees it at all{stands}",
-        "look at it with a probe or a mirror, or leave it out in the recipe",
+        say(
+            "hidden by the part itself: no place of the camera sees it at all{stands}",
+            stands=stands,
+        ),
+        key("look at it with a probe or a mirror, or leave it out in the recipe"),
     )

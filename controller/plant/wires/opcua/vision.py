@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from controller.page.security.private_file import SharedFileError, read_private, write_private
 from controller.plant.model import AlarmNotice, CellState, OrderRequest, OrderState, PartResult
 from controller.plant.plant import Offer, Plant, PlantError, RefusedError, UnknownError
+from messages import say
 
 from .events import Events
 from .space import CellSpace
@@ -414,7 +415,7 @@ class VisionSystem:
         transition = self._space.transition(step.transition)
         await self._events.raised(
             "StateChanged",
-            f"{before} to {step.after}",
+            say("{before} to {after}", before=before, after=step.after),
             {
                 "FromState": text(before.value),
                 "FromState/Id": self._space.state(before).node,
