@@ -198,7 +198,7 @@ class Supervisor:
             except OSError as error:
                 unsent.append(f"{stop.name} ({error.strerror or error})")
         names = joined(", ", (one.name for one in self._orders.stops))
-        missed = say("; not sent to {unsent}", unsent=", ".join(unsent)) if unsent else ""
+        missed = say("; not sent to {unsent}", unsent=joined(", ", unsent)) if unsent else ""
         sentence = say(
             "the supervisor has sent a stop to {names}{missed}: {why}",
             names=names,
