@@ -152,8 +152,8 @@ def _kept(value: object) -> Value:
         return str(value)
     if isinstance(value, int):
         return int(value)
-    item = getattr(value, "item", None)  # a scalar of numpy
-    if isinstance(value, float) or callable(item):
-        found = value if item is None else item()
-        return found if isinstance(found, int | float | str) else str(found)
+    if getattr(value, "ndim", None) == 0 and callable(item := getattr(value, "item", None)):
+        return _kept(item())  # a scalar of numpy
+    if isinstance(value, float):
+        return float(value)
     return str(value)

@@ -95,16 +95,17 @@ def test_key_and_values_stay_in_errors_sums_copies_and_other_processes() -> None
 
 def test_values_are_figures_names_and_sentences() -> None:
     made = say(
-        "{a} {b} {c:.2f} {d} {e}",
+        "{a} {b} {c:.2f} {d} {e} {f}",
         a=Path("folder"),
         b=OSError("lost"),
         c=np.float32(1.5),
         d=True,
         e=say("{n} mm", n=np.int64(3)),
+        f=np.array([1, 2]),
     )
-    assert made == "folder lost 1.50 True 3 mm"
+    assert made == "folder lost 1.50 True 3 mm [1 2]"
     assert {name: type(one) for name, one in made.values.items()} == {
-        "a": str, "b": str, "c": float, "d": str, "e": Message
+        "a": str, "b": str, "c": float, "d": str, "e": Message, "f": str,
     }  # fmt: skip
 
 
