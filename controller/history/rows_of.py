@@ -104,57 +104,25 @@ def part_rows(record: RunRecord) -> list[PartRows]:
 
 
 def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry]) -> PartRows:
-    header, part, verdict = judged.header, judged.part, judged.part.verdict
-    timed = [s for s in part.steps if s.actual_s is not None and s.forecast_s is not None]
-    begun = [entry for entry in recoveries if isinstance(entry.row, rows.RecoveryBegun)]
-    start, end = utc(header.start), utc(header.end)
-    found = PartRows(
-        part.number,
+    part, verdict = judged.part, judged.part.verdict
+    begun = [
+        (entry.at, row) for entry in recoveries if isinstance(row := entry.row, rows.RecoveryBegun)
+    ]
+    found = PartRows(part.number, _part_values(record, judged, len(begun)))
+    keys = [_characteristic(found, judged.header.part, c) for c in part.characteristics]
+    labels = {face.face: face.label for face in (verdict.faces if verdict else ())}
+    shown = [("", lamp, file) for lamp, file in part.table_pictures.items()]
+    shown += [(one.view, lamp, file) for one in part.views for lamp, file in one.pictures.items()]
+    found.of_part[MEASUREMENTS] = _numbered(
         {
-            "number": part.number,
-            "recipe": header.part,
-            "serial": header.serial,
-            "lot": header.lot,
-            "order_number": header.papers.get("order_number", ""),
-            "operator": header.operator,
-            "verdict": judged.verdict,
-            "reason": judged.reasons[0] if judged.reasons else "",
-            "tray": part.tray or "",
-            "custody": part.custody.key,
-            "start": start,
-            "end": end,
-            "day": start.date().isoformat(),
-            "wall_s": (end - start).total_seconds(),
-            "forecast_s": part.plan.forecast_s if part.plan else None,
-            "done_forecast_s": sum(s.forecast_s for s in timed if s.forecast_s is not None),
-            "done_actual_s": sum(s.actual_s for s in timed if s.actual_s is not None),
-            "compared_fraction": verdict.compared_fraction if verdict else None,
-            "looks": part.looks,
-            "recovery_count": len(begun),
-            "finding_count": len(part.findings),
-            "is_emulated": bool(record.emulated_devices),
-            # its custody may still be made certain by how the run ends
-            "is_open": (part.custody is not Custody.PLACED or bool(part.unconfirmed))
-            and part.followed is None,
-            "nest": part.nest,
-            "awaits_review": part.awaits_review and part.is_counted and record.dry is None,
-            "review": part.review.verdict if part.review else "",
-            "is_counted": part.is_counted,
-            "followed_by": part.followed.run if part.followed else "",
-        },
-    )
-    keys = [_characteristic(found, header.part, c) for c in part.characteristics]
-    found.of_part[MEASUREMENTS] = [
-        {
-            "ordinal": i,
             "characteristic_no": key,
             "measured": c.measured,
             "U": c.U,
             "verdict": c.verdict,
             "reason": c.reason,
         }
-        for i, (key, c) in enumerate(zip(keys, part.characteristics, strict=True), 1)
-    ]
+        for key, c in zip(keys, part.characteristics, strict=True)
+    )
     found.of_part[FINDINGS] = [
         {
             "ordinal": f.number,
@@ -169,55 +137,32 @@ def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry])
         }
         for f in part.findings
     ]
-    labels = {face.face: face.label for face in (verdict.faces if verdict else ())}
-    on = [(f.number, face) for f in part.findings for face in f.faces]
-    found.of_part[FINDING_FACES] = [
+    found.of_part[FINDING_FACES] = _numbered(
+        {"finding": f.number, "face": face, "label": labels.get(face, f"F{face}")}
+        for f in part.findings
+        for face in f.faces
+    )
+    found.of_part[STEPS] = _numbered(
+        {"label": s.label, "view": s.view, "forecast_s": s.forecast_s, "actual_s": s.actual_s}
+        for s in part.steps
+    )
+    found.of_part[PICTURES] = _numbered(
+        {"view": view, "lamp": lamp, "file": file, "sha256": record.stored.get(file, "")[:64]}
+        for view, lamp, file in shown
+    )
+    found.of_part[RECOVERIES] = _numbered(
         {
-            "ordinal": i,
-            "finding": number,
-            "face": face,
-            "label": labels.get(face, f"F{face}"),
+            "at": utc(at),
+            "fault": row.fault,
+            "action": row.action,
+            "reason": row.reason,
+            "custody": row.custody,
+            "alarm": row.alarm,
         }
-        for i, (number, face) in enumerate(on, 1)
-    ]
-    found.of_part[STEPS] = [
+        for at, row in begun
+    )
+    found.of_part[REVIEWS] = _numbered(
         {
-            "ordinal": i,
-            "label": s.label,
-            "view": s.view,
-            "forecast_s": s.forecast_s,
-            "actual_s": s.actual_s,
-        }
-        for i, s in enumerate(part.steps, 1)
-    ]
-    shown = [("", lamp, file) for lamp, file in part.table_pictures.items()]
-    shown += [(one.view, lamp, file) for one in part.views for lamp, file in one.pictures.items()]
-    found.of_part[PICTURES] = [
-        {
-            "ordinal": i,
-            "view": view,
-            "lamp": lamp,
-            "file": file,
-            "sha256": record.stored.get(file, "")[:64],
-        }
-        for i, (view, lamp, file) in enumerate(shown, 1)
-    ]
-    found.of_part[RECOVERIES] = [
-        {
-            "ordinal": i,
-            "at": utc(entry.at),
-            "fault": entry.row.fault,
-            "action": entry.row.action,
-            "reason": entry.row.reason,
-            "custody": entry.row.custody,
-            "alarm": entry.row.alarm,
-        }
-        for i, entry in enumerate(begun, 1)
-        if isinstance(entry.row, rows.RecoveryBegun)
-    ]
-    found.of_part[REVIEWS] = [
-        {
-            "ordinal": i,
             "at": utc(one.at),
             "verdict": one.verdict,
             "machine": one.machine,
@@ -225,9 +170,52 @@ def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry])
             "why": one.why,
             "findings": " ".join(f"{number}={word}" for number, word in one.findings.items()),
         }
-        for i, one in enumerate(part.reviews, 1)
-    ]
+        for one in part.reviews
+    )
     return found
+
+
+def _numbered(found: Iterable[Values]) -> list[Values]:
+    """Return rows of one part with their place among them, from 1."""
+    return [{"ordinal": i, **one} for i, one in enumerate(found, 1)]
+
+
+def _part_values(record: RunRecord, judged: JudgedPart, recovery_count: int) -> Values:
+    header, part, verdict = judged.header, judged.part, judged.part.verdict
+    timed = [s for s in part.steps if s.actual_s is not None and s.forecast_s is not None]
+    start, end = utc(header.start), utc(header.end)
+    return {
+        "number": part.number,
+        "recipe": header.part,
+        "serial": header.serial,
+        "lot": header.lot,
+        "order_number": header.papers.get("order_number", ""),
+        "operator": header.operator,
+        "verdict": judged.verdict,
+        "reason": judged.reasons[0] if judged.reasons else "",
+        "tray": part.tray or "",
+        "custody": part.custody.key,
+        "start": start,
+        "end": end,
+        "day": start.date().isoformat(),
+        "wall_s": (end - start).total_seconds(),
+        "forecast_s": part.plan.forecast_s if part.plan else None,
+        "done_forecast_s": sum(s.forecast_s for s in timed if s.forecast_s is not None),
+        "done_actual_s": sum(s.actual_s for s in timed if s.actual_s is not None),
+        "compared_fraction": verdict.compared_fraction if verdict else None,
+        "looks": part.looks,
+        "recovery_count": recovery_count,
+        "finding_count": len(part.findings),
+        "is_emulated": bool(record.emulated_devices),
+        # its custody may still be made certain by how the run ends
+        "is_open": (part.custody is not Custody.PLACED or bool(part.unconfirmed))
+        and part.followed is None,
+        "nest": part.nest,
+        "awaits_review": part.awaits_review and part.is_counted and record.dry is None,
+        "review": part.review.verdict if part.review else "",
+        "is_counted": part.is_counted,
+        "followed_by": part.followed.run if part.followed else "",
+    }
 
 
 def _characteristic(found: PartRows, recipe: str, c: CharacteristicFields) -> str:

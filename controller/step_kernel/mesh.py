@@ -45,6 +45,98 @@ class UndividedError(RefusalError):
         self.faces = faces
 
 
+class JoinedFaces:
+    """The triangles of faces, joined along the edges that the faces share.
+
+    Parameters
+    ----------
+    weld : numbers of corners, the solid's vertices first
+    edges, vertices : the solid's, as the kernel numbers them, from 1
+
+    Attributes
+    ----------
+    chains : corners of each edge, in its own direction
+    edge_faces : faces at each edge, from 0
+    corners, face_of : corners of each triangle, and its face
+    """
+
+    def __init__(self, weld: Weld, edges: Any, vertices: Any) -> None:  # noqa: ANN401
+        self._weld, self._edges, self._vertices = weld, edges, vertices
+        self.chains: dict[int, list[int]] = {}
+        self.edge_faces: dict[int, list[int]] = {}
+        self.corners: list[tuple[int, int, int]] = []
+        self.face_of: list[int] = []
+
+    def take(self, number: int, face: Any) -> bool:  # noqa: ANN401
+        """Take a face's triangles; return whether it has any.
+
+        Raises
+        ------
+        RefusalError : two faces disagree about their common edge
+        """
+        from OCP.BRep import BRep_Tool
+        from OCP.TopAbs import TopAbs_EDGE, TopAbs_REVERSED
+        from OCP.TopExp import TopExp_Explorer
+        from OCP.TopLoc import TopLoc_Location
+        from OCP.TopoDS import TopoDS
+
+        place = TopLoc_Location()
+        mesh = BRep_Tool.Triangulation_s(face, place)
+        if mesh is None or mesh.NbTriangles() == 0:
+            return False
+        move = place.Transformation()
+        nodes = [xyz(mesh.Node(i).Transformed(move)) for i in range(1, mesh.NbNodes() + 1)]
+        known: dict[int, int] = {}
+        walk = TopExp_Explorer(face, TopAbs_EDGE)
+        while walk.More():
+            edge = TopoDS.Edge_s(walk.Current())
+            walk.Next()
+            line = BRep_Tool.PolygonOnTriangulation_s(edge, mesh, place)
+            if line is None:
+                continue
+            run = [line.Node(i) - 1 for i in range(1, line.NbNodes() + 1)]
+            for n, i in zip(
+                run, self._corners_along(edge, [nodes[n] for n in run], number), strict=True
+            ):
+                if n in known:
+                    self._weld.join(known[n], i)
+                known[n] = i
+        ids = [known[n] if n in known else self._weld.add(p) for n, p in enumerate(nodes)]
+        turned = face.Orientation() == TopAbs_REVERSED
+        for i in range(1, mesh.NbTriangles() + 1):
+            a, b, c = (ids[n - 1] for n in mesh.Triangle(i).Get())
+            self.corners.append((a, c, b) if turned else (a, b, c))
+            self.face_of.append(number)
+        return True
+
+    def _corners_along(
+        self,
+        edge: Any,  # noqa: ANN401
+        points: list[tuple[float, float, float]],
+        face: int,
+    ) -> list[int]:
+        """Return the corners of a face's points along an edge; the first face adds the middle."""
+        from OCP.BRep import BRep_Tool
+        from OCP.TopAbs import TopAbs_FORWARD
+        from OCP.TopExp import TopExp
+        from OCP.TopoDS import TopoDS
+
+        e = self._edges.FindIndex(edge)
+        forward = TopoDS.Edge_s(edge.Oriented(TopAbs_FORWARD))
+        first, last = (
+            self._vertices.FindIndex(v) - 1
+            for v in (TopExp.FirstVertex_s(forward), TopExp.LastVertex_s(forward))
+        )
+        if BRep_Tool.Degenerated_s(edge):
+            return [first] * len(points)  # a pole: one point, however often it is listed
+        if e not in self.chains:
+            self.chains[e] = [first, *(self._weld.add(p) for p in points[1:-1]), last]
+        self.edge_faces.setdefault(e, []).append(face)
+        if len(self.chains[e]) != len(points):
+            raise RefusalError("OpenCadError", f"two surfaces disagree about edge {e}")
+        return self.chains[e]
+
+
 def tessellate(
     solid: Any,  # noqa: ANN401
     chord_mm: float,
@@ -78,15 +170,7 @@ def tessellate(
     """
     import numpy as np
     from OCP.BRep import BRep_Tool
-    from OCP.TopAbs import (
-        TopAbs_EDGE,
-        TopAbs_FACE,
-        TopAbs_FORWARD,
-        TopAbs_REVERSED,
-        TopAbs_VERTEX,
-    )
-    from OCP.TopExp import TopExp, TopExp_Explorer
-    from OCP.TopLoc import TopLoc_Location
+    from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_VERTEX
     from OCP.TopoDS import TopoDS
 
     divide(solid, chord_mm, angle_rad)
@@ -95,66 +179,20 @@ def tessellate(
     weld = Weld()
     for i in range(1, vertices.Extent() + 1):
         weld.add(xyz(BRep_Tool.Pnt_s(TopoDS.Vertex_s(vertices.FindKey(i)))))
-    chains: dict[int, list[int]] = {}
-    edge_faces: dict[int, list[int]] = {}
-    corners: list[tuple[int, int, int]] = []
-    face_of: list[int] = []
-    undivided: list[int] = []
-    for f in range(1, faces.Extent() + 1):
-        face = TopoDS.Face_s(faces.FindKey(f))
-        place = TopLoc_Location()
-        mesh = BRep_Tool.Triangulation_s(face, place)
-        if mesh is None or mesh.NbTriangles() == 0:
-            undivided.append(f)
-            continue
-        move = place.Transformation()
-        nodes = [xyz(mesh.Node(i).Transformed(move)) for i in range(1, mesh.NbNodes() + 1)]
-        number: dict[int, int] = {}
-        walk = TopExp_Explorer(face, TopAbs_EDGE)
-        while walk.More():
-            edge = TopoDS.Edge_s(walk.Current())
-            walk.Next()
-            line = BRep_Tool.PolygonOnTriangulation_s(edge, mesh, place)
-            if line is None:
-                continue
-            e = edges.FindIndex(edge)
-            run = [line.Node(i) - 1 for i in range(1, line.NbNodes() + 1)]
-            forward = TopoDS.Edge_s(edge.Oriented(TopAbs_FORWARD))
-            ends = [
-                vertices.FindIndex(v) - 1
-                for v in (TopExp.FirstVertex_s(forward), TopExp.LastVertex_s(forward))
-            ]
-            if BRep_Tool.Degenerated_s(edge):
-                ids = [ends[0]] * len(run)  # a pole: one point, however often it is listed
-            else:
-                if e not in chains:
-                    middle = [weld.add(nodes[n]) for n in run[1:-1]]
-                    chains[e] = [ends[0], *middle, ends[1]]
-                ids = chains[e]
-                edge_faces.setdefault(e, []).append(f - 1)
-            if len(ids) != len(run):
-                raise RefusalError("OpenCadError", f"two surfaces disagree about edge {e}")
-            for n, i in zip(run, ids, strict=True):
-                if n in number:
-                    weld.join(number[n], i)
-                number[n] = i
-        ids = [number[n] if n in number else weld.add(p) for n, p in enumerate(nodes)]
-        turned = face.Orientation() == TopAbs_REVERSED
-        for i in range(1, mesh.NbTriangles() + 1):
-            a, b, c = mesh.Triangle(i).Get()
-            corners.append(
-                (ids[a - 1], ids[c - 1], ids[b - 1])
-                if turned
-                else (ids[a - 1], ids[b - 1], ids[c - 1])
-            )
-            face_of.append(f - 1)
+    joined = JoinedFaces(weld, edges, vertices)
+    undivided = [
+        f
+        for f in range(1, faces.Extent() + 1)
+        if not joined.take(f - 1, TopoDS.Face_s(faces.FindKey(f)))
+    ]
+    chains, edge_faces, corners = joined.chains, joined.edge_faces, joined.corners
     if undivided and not (leaves_out and corners):
         raise UndividedError([TopoDS.Face_s(faces.FindKey(f)) for f in undivided], undivided)
     roots = np.array([weld.root(i) for i in range(len(weld.points))])
     used, number_of = np.unique(roots, return_inverse=True)
     triangles = number_of[np.array(corners)]
     is_sound = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
-    triangles, of = triangles[is_sound], np.array(face_of)[is_sound]
+    triangles, of = triangles[is_sound], np.array(joined.face_of)[is_sound]
     vertices_mm = np.array(weld.points)[used]
     along: dict[int, set[int]] = {f - 1: set() for f in undivided}
     for f in undivided:

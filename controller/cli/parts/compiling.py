@@ -19,62 +19,40 @@ from controller.cad.compiled import (
     part_name,
 )
 from controller.cad.reading.step.choosing import size_text
-from controller.catalogue import LOCAL, Jobs, Made, PartWork
+from controller.catalogue import Made, PartWork
 from controller.cell.plans import Certified, PlanCache
-from controller.config import ConfigError, load_cell
+from controller.config import Cell, ConfigError, load_cell
 from controller.inspection.characteristics import Characteristic
 from controller.results.sheet import write_part_drawings, write_sheet
 from controller.setup.characteristics import part_characteristics
 from controller.setup.planner import PlannerSetup, planner_setup
 
-from ..inputs.ahead import working_ahead
+from ..inputs.ahead import jobs_among, working_ahead
 from ..inputs.checks import check_drawings, check_writable_folder, writing
-from ..inputs.part_files import PartFile
+from ..inputs.part_files import PartFile, part_files
 from ..planning.certificates import certified_each, print_certificates
 from ..planning.characteristics import print_characteristics
 from ..terminal.output import emit, print_line, stdout, warn
 from ..terminal.progress import shown_progress
+from .arguments import CompileOptions
 from .bodies import BodyFiles, every_body
 from .part_json import certified_json, part_json
 
 
-def compile_parts(
-    files: Sequence[PartFile],
-    *,
-    all_bodies: bool = False,
-    density_g_cm3: float | None,
-    report: Path | None,
-    drawings: Path | None = None,
-    cell: Path | None,
-    use_cache: bool,
-    jobs: Jobs = LOCAL,
-    lists_characteristics: bool,
-    as_json: bool,
-) -> int:
+def compile_parts(options: CompileOptions) -> int:
     """Report what follows from CAD files; return 2 if one is wrong, after reporting the others.
-
-    Parameters
-    ----------
-    files : CAD files, with the recipe of each
-    all_bodies : compile each distinct body of them, and print a table
-    density_g_cm3 : density of all parts; None for the recipe's, else the file's, else aluminium's
-    report : HTML page to write, None for none
-    drawings : folder for the mesh and a picture of each pose, None for none
-    cell : cell file, to report grasps and a plan for each stable pose as well; None for neither
-    use_cache : read and keep compiled parts and plans
-    jobs : processes that compile and plan ahead of the printing
-    lists_characteristics : print what is to be measured of each part, too
-    as_json : print one JSON object a part
 
     Raises
     ------
-    ConfigError : the cell file is wrong, or report or drawings cannot be written
+    ConfigError : a recipe or the cell file is wrong, or report or drawings cannot be written
     """
+    files, cell = _files(options)
     recipes = [file.recipe for file in files if file.recipe is not None]
-    on_command_line = density_g_cm3
-    if recipes and on_command_line is not None:
+    if recipes and options.density_g_cm3 is not None:
         raise ConfigError("--density is not allowed with --recipe: the recipe has `density_g_cm3:`")
-    density_g_cm3 = recipes[0].density_g_cm3 if recipes else on_command_line
+    density_g_cm3 = recipes[0].density_g_cm3 if recipes else options.density_g_cm3
+    report, drawings, as_json = options.report, options.drawings, options.as_json
+    use_cache, all_bodies = not options.without_cache, options.all_bodies
     if report is not None:
         check_writable_folder(report.parent, "--report in")
     check_drawings(drawings, 0 if all_bodies else len(files))
@@ -85,13 +63,13 @@ def compile_parts(
     if not listed.is_whole:
         code = 2
     with working_ahead(
-        jobs, [_work(one.file, cell, on_command_line) for one in listed.files]
+        jobs_among(options.jobs, use_cache=use_cache),
+        [_work(one.file, cell, options.density_g_cm3) for one in listed.files],
     ) as made:
         for number, one in enumerate(listed.files):
-            file = one.file
             try:
                 part, from_cache, seconds = _compiled(
-                    file, made(number), use_cache=use_cache, as_json=as_json
+                    one.file, made(number), use_cache=use_cache, as_json=as_json
                 )
             except CadError as error:
                 warn(f"cellctl: {error}")
@@ -102,7 +80,7 @@ def compile_parts(
             compiled += 1
             if report is not None:
                 parts.append(part)
-            characteristics = _characteristics(file, part)
+            characteristics = _characteristics(one.file, part)
             body = part_json(part, density_g_cm3, characteristics) | {
                 "seconds": seconds,
                 "from_cache": from_cache,
@@ -118,22 +96,12 @@ def compile_parts(
                     listed.print_compiled(one, part, seconds)
                 else:
                     _print(part, body)
-                if lists_characteristics:
+                if options.lists_characteristics:
                     print_characteristics(characteristics)
-            certified: Sequence[Certified] = ()
-            setup: PlannerSetup | None = None
             if planned_in is not None:
-                setup = planner_setup(file.recipe, planned_in, part, on_command_line)
-                if not as_json:
-                    print_line(setup.sentence)
-                planning = PlanCache(part, setup.layout, setup.options, use_cache=use_cache)
-                with shown_progress(part.solid.name, as_json=as_json) as progress:
-                    certified = list(certified_each(planning, part.poses, progress))
-                body |= {"planned_with": setup.as_json()} | certified_json(certified, setup)
+                body |= _plan(options, one.file, part, planned_in)
             if as_json:
                 emit(body)
-            elif setup is not None:
-                _print_certified(part, certified, setup)
     if all_bodies and not as_json:
         print_line(f"{compiled} of {len(listed.files)} compiled")
     if report is not None and parts:
@@ -142,6 +110,32 @@ def compile_parts(
         if not as_json:
             print_line(f"report: {written}")
     return code
+
+
+def _files(options: CompileOptions) -> tuple[Sequence[PartFile], Path | None]:
+    """Return the CAD files, and the cell to plan in."""
+    recipes = [] if options.recipe is None else [options.recipe]
+    unit = options.unit and options.unit.value
+    files, recipe_cell = part_files(list(options.parts or ()), recipes, unit, options.cell)
+    has_recipe = any(file.recipe is not None for file in files)
+    in_cell = recipe_cell if has_recipe else options.cell
+    return files, None if options.without_plans else in_cell
+
+
+def _plan(
+    options: CompileOptions, file: PartFile, part: CompiledPart, cell: Cell
+) -> dict[str, Any]:
+    """Print grasps and a plan for each stable pose, or return them as JSON."""
+    setup = planner_setup(file.recipe, cell, part, options.density_g_cm3)
+    if not options.as_json:
+        print_line(setup.sentence)
+    use_cache = not options.without_cache
+    planning = PlanCache(part, setup.layout, setup.options, use_cache=use_cache)
+    with shown_progress(part.solid.name, as_json=options.as_json) as progress:
+        certified = list(certified_each(planning, part.poses, progress))
+    if not options.as_json:
+        _print_certified(part, certified, setup)
+    return {"planned_with": setup.as_json()} | certified_json(certified, setup)
 
 
 def _characteristics(file: PartFile, part: CompiledPart) -> tuple[Characteristic, ...]:
