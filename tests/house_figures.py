@@ -45,6 +45,9 @@ PLANNING = "controller.planning"
 WINDOW_LINES = 8
 MAX_MODULES = 8
 MIN_PARAMETERS = 3
+# beyond which a function is listed: it may do more than one thing
+MAX_LINES = 100
+MAX_PARAMETERS = 12
 
 PROPERTIES = {"property", "cached_property"}
 CHECKED_BY_OTHERS = {"overload", "field_validator", "model_validator", "field_serializer"}
@@ -99,16 +102,27 @@ def sizes(sources: list[Source]) -> dict[str, Any]:
 def longest(sources: list[Source]) -> dict[str, Any]:
     production = [s for s in sources if s.module.split(".")[0] in PRODUCTION]
     file = max(production, key=lambda s: s.text.count("\n"))
-    spans = [
-        ((node.end_lineno or node.lineno) - node.lineno + 1, f"{s.path}:{node.lineno} {node.name}")
-        for s in production
-        for node in ast.walk(s.tree)
-        if isinstance(node, Function)
-    ]
-    function = max(spans)
+    functions = sorted(
+        (
+            {
+                "lines": (node.end_lineno or node.lineno) - node.lineno + 1,
+                "parameters": len([*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]),
+                "where": f"{s.path}:{node.lineno} {node.name}",
+            }
+            for s in production
+            for node in ast.walk(s.tree)
+            if isinstance(node, Function)
+        ),
+        key=lambda one: -int(one["lines"]),
+    )
     return {
         "file": {"path": str(file.path), "lines": file.text.count("\n")},
-        "function": {"where": function[1], "lines": function[0]},
+        "function": functions[0],
+        "above_limits": [
+            one
+            for one in functions
+            if int(one["lines"]) > MAX_LINES or int(one["parameters"]) > MAX_PARAMETERS
+        ],
     }
 
 
@@ -642,6 +656,9 @@ def print_table(figures: dict[str, Any]) -> None:
     file, function = figures["longest"]["file"], figures["longest"]["function"]
     print(f"longest file      {file['lines']:5} lines  {file['path']}")
     print(f"longest function  {function['lines']:5} lines  {function['where']}")
+    print(f"functions of more than {MAX_LINES} lines or {MAX_PARAMETERS} parameters:")
+    for one in figures["longest"]["above_limits"]:
+        print(f"{one['lines']:7} lines {one['parameters']:3} parameters  {one['where']}")
     large = figures["packages_of_more_than_eight"]
     print(f"packages of more than {MAX_MODULES} modules: {len(large)}")
     for package, count in large.items():

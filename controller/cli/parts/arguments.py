@@ -10,7 +10,7 @@ from ..options import DrawingsOption, JobsOption, JsonOption, UnitOption, finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CompileOptions:
+class PartsOptions:
     """The command line of `cellctl compile`; what each option is stands in its help."""
 
     parts: Annotated[

@@ -5,11 +5,11 @@ import typer
 from controller.loading import loading
 
 from ..options import from_fields
-from .arguments import CompileOptions
+from .arguments import PartsOptions
 
 
 @from_fields
-def compile_(options: CompileOptions) -> None:
+def compile_(options: PartsOptions) -> None:
     """Show what follows from a CAD file: poses, surfaces, edges.
 
     Prints features, stable poses and outlines too; with a cell, also grasps and plans.

@@ -34,12 +34,12 @@ from ..planning.certificates import certified_each, print_certificates
 from ..planning.characteristics import print_characteristics
 from ..terminal.output import emit, print_line, stdout, warn
 from ..terminal.progress import shown_progress
-from .arguments import CompileOptions
+from .arguments import PartsOptions
 from .bodies import BodyFiles, every_body
 from .part_json import certified_json, part_json
 
 
-def compile_parts(options: CompileOptions) -> int:
+def compile_parts(options: PartsOptions) -> int:
     """Report what follows from CAD files; return 2 if one is wrong, after reporting the others.
 
     Raises
@@ -112,7 +112,7 @@ def compile_parts(options: CompileOptions) -> int:
     return code
 
 
-def _files(options: CompileOptions) -> tuple[Sequence[PartFile], Path | None]:
+def _files(options: PartsOptions) -> tuple[Sequence[PartFile], Path | None]:
     """Return the CAD files, and the cell to plan in."""
     recipes = [] if options.recipe is None else [options.recipe]
     unit = options.unit and options.unit.value
@@ -122,9 +122,7 @@ def _files(options: CompileOptions) -> tuple[Sequence[PartFile], Path | None]:
     return files, None if options.without_plans else in_cell
 
 
-def _plan(
-    options: CompileOptions, file: PartFile, part: CompiledPart, cell: Cell
-) -> dict[str, Any]:
+def _plan(options: PartsOptions, file: PartFile, part: CompiledPart, cell: Cell) -> dict[str, Any]:
     """Print grasps and a plan for each stable pose, or return them as JSON."""
     setup = planner_setup(file.recipe, cell, part, options.density_g_cm3)
     if not options.as_json:
