@@ -106,7 +106,9 @@ class PlacedFinding:
 
 def area_words(area_mm2: float) -> str:
     """Return an area with two digits, or one for a small area."""
-    return f"{area_mm2:.0f}" if area_mm2 >= 9.5 else f"{area_mm2:.1f}"
+    if area_mm2 >= 9.5:
+        return say("{area_mm2:.0f}", area_mm2=area_mm2)
+    return say("{area_mm2:.1f}", area_mm2=area_mm2)
 
 
 def gather(looks: Sequence[tuple[str, Finding, Verdict]]) -> tuple[PlacedFinding, ...]:

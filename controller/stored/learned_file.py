@@ -23,7 +23,7 @@ from controller.config.files import parse_json, read_bytes, write_whole
 from controller.config.view_set import PoseRows, SetCamera
 from controller.config.yaml_models import Section
 from controller.inspection import Appearance, LearnedPicture, LearnedView, require_usable
-from messages import joined, say
+from messages import joined, key, say
 
 from .view_set import build_camera
 
@@ -37,7 +37,7 @@ DAMAGED: Final = (
     *(ValueError, KeyError, EOFError, RuntimeError, SyntaxError, tokenize.TokenError),
     *(zipfile.BadZipFile, zlib.error, OSError, TypeError),
 )
-BY_VERDICT: Final = "the cell's PASS"  # in place of a person
+BY_VERDICT: Final = key("the cell's PASS")  # in place of a person
 
 
 class AcceptedPart(Section):

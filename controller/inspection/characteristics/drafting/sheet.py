@@ -37,6 +37,11 @@ def reading_order(axis: FloatArray, p_mm: FloatArray) -> tuple[int, int, int, in
     return view, row, round(float(p_mm @ right) / ROW_MM), round(float(p_mm @ axis) / ROW_MM)
 
 
+def drawn_mm(size_mm: float) -> float:
+    """Return a size as drawings have it, to a hundredth of a millimetre [mm]."""
+    return round(size_mm + HALF_UP_MM, 2)
+
+
 def size_text(size_mm: float) -> str:
     """Return a size as written on drawings, such as ``6.76 mm``."""
-    return say("{n:g} mm", n=round(size_mm + HALF_UP_MM, 2))
+    return say("{n:g} mm", n=drawn_mm(size_mm))

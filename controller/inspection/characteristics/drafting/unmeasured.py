@@ -23,7 +23,7 @@ from ..edges import RoundWall
 from ..edges.rims import COAXIAL_COS
 from .holes import MIN_DEPTH_MM
 from .planes import SAME_LEVEL_MM
-from .sheet import size_text
+from .sheet import drawn_mm, size_text
 
 NO_DEPTH: Final = key("no picture shows the depth of a hole")
 NO_HEIGHT: Final = key("no plane across the part is measured against its end")
@@ -194,13 +194,12 @@ def _recess(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted
 
 def recess_name(feature: Feature) -> str:
     """Return the name of a slot, a keyway, a pocket or an opening, with its sizes."""
-    width = size_text(feature.width_mm).removesuffix(" mm")
     return say(
-        "{kind} {width} x {size_text} F{faces}",
+        "{kind} {width:g} x {length} F{face}",
         kind=feature.kind,
-        width=width,
-        size_text=size_text(feature.length_mm),
-        faces=feature.faces[0],
+        width=drawn_mm(feature.width_mm),
+        length=size_text(feature.length_mm),
+        face=feature.faces[0],
     )
 
 
