@@ -27,9 +27,10 @@ from .detection import KINDS, Detection, least_mm
 from .kept import Kept, Same
 from .learning import MIN_PARTS, GoodPart, Lesson, TooFewPartsError, Tried, learn, require_usable
 from .limits import MEASURED_HOLD, MIN_FACE_SHARE, PLANNED_HOLD
-from .lit import MIN_WIDTH_PX, Appearance, LearnedPicture, LearnedView
+from .lit import Appearance, LearnedPicture, LearnedView
 from .part import inspect_part, work_ahead
 from .predicted import predict_pictures
+from .resolution import needed_px_per_mm
 from .view import CheckedView, NotEvaluated, inspect_view, locate_view
 
 __all__ = [
@@ -37,7 +38,6 @@ __all__ = [
     "MEASURED_HOLD",
     "MIN_FACE_SHARE",
     "MIN_PARTS",
-    "MIN_WIDTH_PX",
     "OUTLINE",
     "PLANNED_HOLD",
     "Appearance",
@@ -82,6 +82,7 @@ __all__ = [
     "least_mm",
     "locate_view",
     "make_scene",
+    "needed_px_per_mm",
     "predict_pictures",
     "require_usable",
     "with_measured_holder",

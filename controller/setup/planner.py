@@ -13,14 +13,14 @@ from controller.cad import counted_defect_mm
 from controller.cad.compiled import CompiledPart
 from controller.config import Cell, Recipe
 from controller.config.recipe import GraspSection, InspectionSection
-from controller.inspection import MIN_FACE_SHARE, MIN_WIDTH_PX
+from controller.inspection import MIN_FACE_SHARE, needed_px_per_mm
 from controller.planning import CellLayout, Jaw, Plan, PlanOptions
 
 from .layout import build_layout
 
-# The narrower extent of a defect in the picture: the extent that inspection needs to compare a
-# surface, and a tenth more, because the part is never held exactly as planned.
-DEFECT_PX = 1.1 * MIN_WIDTH_PX
+# Resolution of a planned view, in shares of what inspection needs to compare a surface: a tenth
+# more, because the part is never held exactly as planned.
+RESERVE = 1.1
 
 DensityFrom = Literal["recipe", "command line", "CAD file", "assumed"]
 _DENSITY_WORDS: dict[DensityFrom, str] = {
@@ -141,11 +141,13 @@ def planner_setup(
         arm_gripper=_pressing(layout.arm_gripper, grasp),
         fixed_gripper=None if fixed_gripper is None else _pressing(fixed_gripper, grasp),
     )
+    pixel_mm = layout.inspection.mm_per_px(layout.station_mm)
+    needed = needed_px_per_mm(part.solid, wanted.smallest_defect_mm, pixel_mm)
     options = PlanOptions()
     options = replace(
         options,
         max_incidence_deg=wanted.max_incidence_deg,
-        min_px_per_mm=DEFECT_PX / wanted.smallest_defect_mm,
+        min_px_per_mm=tuple((RESERVE * needed).tolist()),
         least_gain=wanted.least_gain,
         face_share=MIN_FACE_SHARE,
         opening_tolerance_mm=grasp.width_tolerance_mm,

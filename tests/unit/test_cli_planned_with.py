@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from cad_solids import box, mesh_of, rod
 
@@ -24,7 +25,7 @@ from controller.cli.planning.plan_json import certificate_json, plan_json
 from controller.cli.running import recipe_run
 from controller.cli.terminal import progress
 from controller.config import ConfigError, load_cell, load_recipe
-from controller.inspection import MIN_WIDTH_PX
+from controller.inspection.lit import MIN_WIDTH_PX
 from controller.planning import GraspRules, OnTable, PlanOptions, resting_pose
 from controller.setup import planner as figures_module
 from controller.setup.drivers import require_force
@@ -84,7 +85,8 @@ def test_all_figures_of_a_recipe_reach_the_planner(folder: Path) -> None:
     assert options.rules.density_kg_mm3 == pytest.approx(7.85e-6)
     assert (options.max_incidence_deg, options.least_gain) == (65.0, 0.01)
     # what is planned to be shown must be compared: a defect of 2.5 mm spans what inspection needs
-    assert MIN_WIDTH_PX < 2.5 * options.min_px_per_mm < 1.3 * MIN_WIDTH_PX
+    spans_px = 2.5 * np.array(options.min_px_per_mm)
+    assert ((spans_px > MIN_WIDTH_PX) & (spans_px < 1.3 * MIN_WIDTH_PX)).all()
     assert options.opening_tolerance_mm == 0.5
     assert layout.fixed_gripper is not None
     assert (layout.arm_gripper.force_n, layout.fixed_gripper.force_n) == (30.0, 30.0)

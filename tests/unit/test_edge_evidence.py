@@ -17,7 +17,6 @@ from controller.inspection import FindingKind, InspectionLimits, PosedPart, Worl
 from controller.inspection.edge_evidence import (
     EdgeEvidence,
     FaceEdges,
-    inner_mm,
 )
 
 LOOKS = ((-15.0, 5.0), (20.0, -12.0), (8.0, 14.0))  # turn and tilt [deg]
@@ -114,13 +113,6 @@ def test_a_keyway_opens_to_the_outside_of_its_shaft(length_mm: float) -> None:
 )  # fmt: skip
 def test_what_is_open_at_the_end_of_a_shaft_has_no_mouth(cut: Body) -> None:
     assert find_mouths(solid_of(rod(10, 150, 96) - cut)) == ()
-
-
-def test_the_largest_disc_on_a_face() -> None:
-    inner = inner_mm(solid_of(box(30, 20, 4)))
-    # half the shorter side, which random points reach to some per cent
-    assert sorted(inner) == pytest.approx([2, 2, 2, 2, 10, 10], rel=0.1)
-    assert (inner <= np.array([10, 10, 2, 2, 2, 2]) + 1e-9).all()
 
 
 def test_the_light_through_a_bore_shows_its_wall() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from controller.imaging import Camera
 from controller.inspection import InspectionLimits
 from controller.inspection.lit.bounce import Bounced, Mirrored, Neighbours
 from controller.inspection.lit.brightness import fit_brightness
@@ -27,7 +28,7 @@ from controller.inspection.lit.marks import (
 )
 from controller.inspection.lit.spots import is_dust
 from controller.inspection.lit.surface import Surface
-from controller.inspection.lit.texture import Texture, feature_edges, find_texture
+from controller.inspection.lit.texture import Texture, borders, creases, find_texture
 
 Array = NDArray[np.float32]
 SHAPE = (120, 160)
@@ -292,15 +293,40 @@ def test_a_round_mark_seen_aslant_is_claimed_larger_along_the_face() -> None:
     assert (aslant[both] >= 1.66 * squarely[both]).all()
 
 
+# straight above the plane, so that its nodes are those of the picture
+ABOVE = Camera((1, 1), np.eye(3), np.zeros(5), np.diag([1.0, -1, -1, 1]))
+
+
+def tilted(surface: Surface, normal: tuple[float, float, float]) -> Surface:
+    """The same nodes, on a surface turned another way."""
+    return replace(surface, normals=np.tile(normal, (len(surface.normals), 1)))
+
+
 def test_a_defect_on_a_narrow_face_is_cut_by_the_face_itself() -> None:
-    face = np.zeros((40, 40), dtype=np.int32)
-    face[18:24] = 1
-    mask = face == 1
-    mask[18], mask[23] = False, False
-    # eight nodes across, on a face of six of which four are compared
-    share = share_of_face(mask, face, 8)
-    assert share[20, 20] == pytest.approx(4 / 6, abs=0.01)
-    assert share[5, 5] == 0.0
+    surface = plane()
+    surface.face[50:56] = np.where(surface.seen[50:56], 1, -1)
+    mask = surface.face == 1
+    mask[50], mask[55] = False, False
+    share = share_of_face(mask, surface, ABOVE, 8)
+    # a disc of eight nodes about row 52 has on the rows 50 to 55 so much, and on 51 to 54 so much
+    heights = np.arange(-2, 4)
+    widths = 2 * np.floor(np.sqrt(16 - heights**2)) + 1
+    assert share[52, 60] == pytest.approx(widths[1:-1].sum() / widths.sum(), abs=0.01)
+    assert share[20, 20] == 0.0
+
+
+def test_a_defect_on_a_surface_seen_aslant_is_narrower_in_the_picture() -> None:
+    surface = plane()
+    mask = np.zeros(SHAPE, dtype=bool)
+    mask[58:63] = surface.seen[58:63]
+    squarely = share_of_face(mask, surface, ABOVE, 8)[60, 60]
+    about_rows = share_of_face(mask, tilted(surface, (0.0, 0.8, 0.6)), ABOVE, 8)[60, 60]
+    about_columns = share_of_face(mask, tilted(surface, (0.8, 0.0, 0.6)), ABOVE, 8)[60, 60]
+    # turned about a row it is 4.8 nodes high, and all of it lies on the five rows
+    assert about_rows == pytest.approx(1.0)
+    assert squarely < 0.8
+    # turned about a column it is as high as before
+    assert about_columns == pytest.approx(squarely, abs=0.1)
 
 
 def test_a_bright_corner_is_judged_with_its_doubt() -> None:
@@ -317,13 +343,22 @@ def test_a_bright_corner_is_judged_with_its_doubt() -> None:
 def test_an_edge_is_where_faces_meet_and_where_one_stands_before_another() -> None:
     surface = plane()
     surface.face[:, 80:] = np.where(surface.seen[:, 80:], 1, -1)
-    edge = feature_edges(surface)
+    edge = borders(surface.face, surface.depth_mm, surface.node_mm)
     assert edge[60, 79]
     assert edge[60, 80]
     assert not edge[60, 60]
     surface = plane()
     surface.depth_mm[:, 50:] += 5.0
-    assert feature_edges(surface)[60, 49:51].all()
+    assert borders(surface.face, surface.depth_mm, surface.node_mm)[60, 49:51].all()
+
+
+def test_an_edge_is_where_a_face_turns_sharply() -> None:
+    surface = plane()
+    bent = np.where(grid()[0] < 50, 0.0, np.radians(12.0))[surface.seen]
+    turned = replace(surface, normals=np.column_stack([np.sin(bent), 0 * bent, np.cos(bent)]))
+    assert not creases(surface).any()
+    assert creases(turned)[60, 49:51].all()
+    assert not creases(turned)[60, [48, 51]].any()
 
 
 # --- the light fitted to a picture ---------------------------------------------------------------

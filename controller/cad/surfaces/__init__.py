@@ -3,6 +3,7 @@
 from ._counted import SAMPLE_SHARE, count_caution, counted_defect_mm, counted_samples
 from ._samples import SurfaceSamples, by_face, sample_surface
 from ._shares import face_shares, share_of, uncertainty_of
+from ._widths import inner_mm
 from .features import Feature, FeatureKind, FeatureWall, find_features
 from .mouths import Mouth, Recess, find_mouths, find_recesses
 
@@ -22,6 +23,7 @@ __all__ = [
     "find_features",
     "find_mouths",
     "find_recesses",
+    "inner_mm",
     "sample_surface",
     "share_of",
     "uncertainty_of",

@@ -4,7 +4,7 @@ from ._damage import find_damage
 from ._depth import Floor, FloorLook, find_floor
 from ._displaced import Displaced, find_displaced
 from ._edges import KEPT_PARTS, PartEdges, find_edges
-from ._faces import FaceEdges, MissingEdge, inner_mm
+from ._faces import FaceEdges, MissingEdge
 from ._floor_light import BlindBore, blind_bore, rise_by_light
 from ._looks import EdgeLook, State, look_at_edges
 from ._other_looks import refuted
@@ -29,7 +29,6 @@ __all__ = [
     "find_edges",
     "find_evidence",
     "find_floor",
-    "inner_mm",
     "look_at_edges",
     "refuted",
     "rise_by_light",

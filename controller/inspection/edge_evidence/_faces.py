@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Final
 
 import cv2
@@ -14,7 +13,7 @@ from controller.cad import Crease, Mouth, Recess, Solid, find_mouths
 from messages import key, say
 
 from ._depth import Floor
-from ._edges import KEPT_PARTS, SPACING_PX, PartEdges
+from ._edges import SPACING_PX, PartEdges
 from ._looks import EdgeLook, State
 
 TWO: Final = 2  # least number of pictures from which an edge must be missing
@@ -35,7 +34,6 @@ DISPUTED: Final = key("pictures disagree on how deep its floor lies")
 NO_RIM: Final = key("its rim is too short to be looked for")
 CLOSED: Final = key("no light is shown to pass the bore that it leads to")
 OF_ITS_EDGES: Final = key("of its edges")  # how a face is verified that no defect fits on
-PER_FACE: Final = 400  # random points per face, for its largest disc to a few per cent
 
 
 @dataclass(frozen=True, slots=True)
@@ -441,39 +439,3 @@ def _share(edges: PartEdges, points: IndexArray, shown: BoolArray) -> float:
     """Return the share of the length of some points (k,) for which a mask (k,) is True."""
     length = edges.length_mm[points]
     return float((length * shown).sum() / length.sum())
-
-
-@lru_cache(maxsize=KEPT_PARTS)
-def inner_mm(solid: Solid) -> FloatArray:
-    """Return the radius (f,) of the largest disc on each face, off its edges; inf without edges."""
-    b = solid.boundary
-    vertices = np.asarray(solid.mesh.vertices, dtype=np.float64)
-    corners = np.asarray(solid.mesh.triangles, dtype=np.float64)
-    areas = np.asarray(solid.mesh.area_faces)
-    rng = np.random.default_rng(0)
-    out = np.full(len(solid.faces), np.inf)
-    sides = b.face.reshape(-1, 2)
-    for face in range(len(solid.faces)):
-        polylines = [
-            vertices[b.chain_of(e)] for e in np.flatnonzero((sides == face).any(axis=1)).tolist()
-        ]
-        mine = np.flatnonzero(solid.face_of_triangle == face)
-        if not polylines or len(mine) == 0:
-            continue
-        drawn = rng.choice(mine, PER_FACE, p=areas[mine] / areas[mine].sum())
-        u, v = rng.random((2, PER_FACE, 1))
-        u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-        a, p, q = np.moveaxis(corners[drawn], 1, 0)
-        points = a + u * (p - a) + v * (q - a)
-        out[face] = _max_distance(points, polylines)
-    return out
-
-
-def _max_distance(points: FloatArray, polylines: Sequence[FloatArray]) -> float:
-    """Return the largest distance of points (n, 3) from the nearest of some polylines."""
-    start = np.concatenate([line[:-1] for line in polylines])
-    along = np.concatenate([np.diff(line, axis=0) for line in polylines])
-    square = np.maximum((along**2).sum(axis=1), 1e-18)
-    t = np.clip(((points[:, None] - start) * along).sum(axis=2) / square, 0.0, 1.0)
-    off = points[:, None] - (start + t[..., None] * along)
-    return float(np.sqrt((off**2).sum(axis=2)).min(axis=1).max())

@@ -15,14 +15,15 @@ from .._pose import PosedPart
 from .._types import Finding, InspectionLimits
 from ..dimensions import BACKLIT, MeasuringSettings, PosedView
 from ..integrity import Allowances, allowed_mm
-from ..limits import DUST_SIZES, EDGE_PLAY_MM, EDGE_PLAY_PX, FLATTEST_COS
+from ..limits import DUST_SIZES, FLATTEST_COS
+from ..resolution import is_narrow
 from ._against import find_against
 from ._beside import compared_beside
 from ._damage import find_damage
 from ._depth import Floor, find_floor
 from ._displaced import find_displaced
 from ._edges import PartEdges
-from ._faces import FaceEdges, MissingEdge, inner_mm, missing_edges, prove_faces
+from ._faces import FaceEdges, MissingEdge, missing_edges, prove_faces
 from ._floor_light import blind_bore, rise_by_light
 from ._looks import EdgeLook, look_at_edges
 from ._other_looks import refuted
@@ -83,9 +84,8 @@ def find_evidence(
     looks: list[EdgeLook] = []
     for one, found in zip(views, by_view, strict=True):
         looks += counted.only(found, one, edges)
-    around_mm = EDGE_PLAY_MM + EDGE_PLAY_PX * pixel_mm
     cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
-    narrow = inner_mm(part.solid) < 0.5 * limits.smallest_defect_mm + around_mm / cosine
+    narrow = is_narrow(part.solid, limits.smallest_defect_mm, pixel_mm, cosine)
     recesses = find_recesses(part.solid)
     floors = _floors(part, recesses, edges, looks, views, counted, allowances, settings)
     faces = prove_faces(

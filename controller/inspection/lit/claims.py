@@ -1,56 +1,90 @@
 """Share of a defect about each compared node that would be visible.
 
-A face ends at its edges, and so does a defect on it. For a defect that extends over an edge, only
-the portion on the face itself counts; the rest belongs to the neighbour.
+A defect is a disc on the surface, an ellipse in the picture where that is seen aslant. A face ends
+at its edges, and so does a defect on it. For a defect that extends over an edge, only the portion
+on the face itself counts; the rest belongs to the neighbour.
 """
+
+from collections.abc import Iterator
+from typing import Final
 
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, Float32Array, Int32Array
+from controller.arrays import BoolArray, Float32Array, FloatArray, IndexArray, Int32Array
+from controller.imaging import Camera
+
+from .surface import Surface
+
+# Components of unit normals that count as one, so that a face has few ellipses: their axes are then
+# right to a sixth.
+ALIKE: Final = 0.25
 
 
-def share_of_face(mask: BoolArray, face: Int32Array, size_nodes: float) -> Float32Array:
+def share_of_face(
+    mask: BoolArray, surface: Surface, camera: Camera, size_nodes: float
+) -> Float32Array:
     """Return the share (h, w) of a defect about each node, cut by its face, that lies on a mask.
 
     Parameters
     ----------
     mask : (h, w) what was compared
-    face : (h, w) met, -1 where none
-    size_nodes : width of the defect
+    surface : seen by the nodes
+    camera : that sees it
+    size_nodes : width of the defect, seen squarely
     """
-    size = max(1, round(size_nodes)) | 1
-    out = np.zeros(face.shape, dtype=np.float32)
-    half = size // 2
-    for i in np.unique(face[mask & (face >= 0)]).tolist():
-        rows, columns = np.nonzero(face == i)
+    out = np.zeros(mask.shape, dtype=np.float32)
+    half = int(size_nodes / 2)
+    faces = np.unique(surface.face[mask & surface.seen])
+    for face, rows, columns, normal in _patches(surface, camera, faces):
         window = (
             slice(max(int(rows.min()) - half, 0), int(rows.max()) + half + 1),
             slice(max(int(columns.min()) - half, 0), int(columns.max()) + half + 1),
         )
-        mine = face[window] == i
+        mine = surface.face[window] == face
+        disc = _disc(size_nodes, normal)
         own, on = (
-            cv2.blur(m.astype(np.float32), (size, size), borderType=cv2.BORDER_CONSTANT)
+            cv2.filter2D(m.astype(np.float32), -1, disc, borderType=cv2.BORDER_CONSTANT)
             for m in (mine, mine & mask[window])
         )
-        out[window][mine] = (on / np.maximum(own, 1e-6))[mine]
+        share = on / np.maximum(own, np.float32(1.0))
+        out[rows, columns] = share[rows - window[0].start, columns - window[1].start]
     return out
 
 
-def near_own_face(mask: BoolArray, face: Int32Array, size_nodes: float) -> BoolArray:
-    """Return a mask (h, w) of nodes within half a defect of a mask's node on their own face.
+def _patches(
+    surface: Surface, camera: Camera, faces: Int32Array
+) -> Iterator[tuple[int, IndexArray, IndexArray, FloatArray]]:
+    """Yield pieces of faces that are seen at one angle: face, rows and columns (n,), normal (3,).
 
     Parameters
     ----------
-    mask : (h, w) what was compared
-    face : (h, w) met, -1 where none
-    size_nodes : width of the defect
+    surface : seen by the nodes
+    camera : that sees it, in whose frame the normals are
+    faces : ids of the faces
     """
-    if not mask.any():
-        return mask
-    away, nearest = cv2.distanceTransformWithLabels(
-        (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    face_of = np.full(int(nearest.max()) + 1, -1, dtype=np.int32)
-    face_of[nearest[mask]] = face[mask]
-    return np.asarray((away <= size_nodes / 2) & (face_of[nearest] == face) & (face >= 0))
+    rows, columns = np.nonzero(surface.seen)
+    face = surface.face[rows, columns]
+    normals = surface.normals @ camera.T_world_cam[:3, :3]
+    some = np.flatnonzero(np.isin(face, faces))
+    kind = np.column_stack([face[some], np.round(normals[some] / ALIKE).astype(np.int64)])
+    order = np.lexsort(kind.T)
+    begins = np.flatnonzero((np.diff(kind[order], axis=0) != 0).any(axis=1)) + 1
+    for group in np.split(some[order], begins) if len(some) else ():
+        mean = normals[group].mean(axis=0)
+        yield int(face[group[0]]), rows[group], columns[group], mean / np.linalg.norm(mean)
+
+
+def _disc(size_nodes: float, normal: FloatArray) -> Float32Array:
+    """Return a mask (k, k) of the nodes on a disc about the middle one, seen along z.
+
+    Parameters
+    ----------
+    size_nodes : width of the disc
+    normal : (3,) unit normal of the disc, camera frame
+    """
+    half = int(size_nodes / 2)
+    v, u = np.mgrid[-half : half + 1, -half : half + 1]
+    # a step in the picture leads as far in depth as keeps it on the disc's plane
+    depth = (u * normal[0] + v * normal[1]) / min(normal[2], -1e-6)
+    return np.asarray(u**2 + v**2 + depth**2 <= (size_nodes / 2) ** 2, np.float32)

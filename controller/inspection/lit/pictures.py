@@ -29,7 +29,7 @@ from ..registration import (
 )
 from .bounce import Neighbours, find_neighbours
 from .brightness import Brightness, fit_brightness
-from .claims import near_own_face, share_of_face
+from .claims import share_of_face
 from .coded import on_code
 from .compare import (
     BURNT_GREY,
@@ -55,12 +55,13 @@ from .light import Light, bound_light
 from .marks import Answers, answers, finds, smallest_nodes
 from .spots import local_findings
 from .surface import Surface, find_surface
-from .texture import DARKEST_GREY, Texture, feature_edges, find_texture, learned_texture
+from .texture import DARKEST_GREY, Texture, borders, creases, find_texture, learned_texture
 
 STEP_PX: Final = 2  # faces are compared on every second pixel: shadows are as narrow as defects
 LENS_PX: Final = 0.7  # typical blur of a lens
 SHARP_STACK_PX: Final = 0.7  # the same as `register_edges` measures it
 LENS_WIDTH_PX: Final = 0.56  # the same as `register` measures it
+MIXED_PX: Final = 1.0  # a pixel next to an edge has some of its other side in it
 MIN_NODES: Final = 3  # least width of a difference in light, on the grid
 MIN_WIDTH_PX: Final = 7.0  # least width of a defect in the picture, without the blur of its border
 # Share of the own lamp's error below which another lamp explains a picture better.
@@ -195,14 +196,22 @@ class LitPictures:
 
     @cached_property
     def _edge_px(self) -> Float32Array:
-        """Distance (h, w) of the nodes from the nearest edge [px]."""
-        edge = feature_edges(self._surface).astype(np.uint8)
-        return np.asarray(STEP_PX * cv2.distanceTransform(1 - edge, cv2.DIST_L2, 5), np.float32)
+        """Distance (h, w) of each node's pixels from the nearest edge of the CAD model [px]."""
+        maps, step = self._fit.maps, STEP_PX
+        faces = self._part.solid.face_of_triangle[maps.triangle]
+        face = np.where(maps.mask, faces, -1).astype(np.int32)
+        depth_mm = np.where(maps.mask, maps.depth_mm, 0.0)
+        side_mm = depth_mm / float(self._task.camera.K[0, 0])
+        away = _away_px(borders(face, depth_mm, side_mm))
+        # a node's nearest pixel counts
+        nearest = cv2.erode(away, np.ones((step, step), np.uint8), anchor=(0, 0))[::step, ::step]
+        nodes = np.minimum(nearest / np.float32(step), _away_px(creases(self._surface)))
+        return np.asarray(np.float32(step) * nodes)
 
     @cached_property
     def _off_edges(self) -> BoolArray:
         """Nodes in sight (h, w), off the gripper and off edges."""
-        off = self._surface.seen & self._free & (self._edge_px > 0)
+        off = self._surface.seen & self._free & (self._edge_px > MIXED_PX)
         return np.asarray(off & (self._surface.cosine > FLATTEST_COS))
 
     def _spread_px(self) -> Float32Array:
@@ -568,9 +577,10 @@ class LitPictures:
         width = np.asarray(limits.smallest_defect_mm / side, np.float32)
         fine = finds(answer, texture, self._surface.cosine, FindingKind.DENT.name.lower(), width)
         size = limits.smallest_defect_mm / self._mm / STEP_PX
-        whole = near_own_face(fine, self._surface.face, size)
-        whole &= share_of_face(fine, self._surface.face, size) >= DISC_SHARE
-        light = share_of_face(outcome.compared, self._surface.face, size) >= DISC_SHARE
+        whole, light = (
+            share_of_face(mask, self._surface, self._task.camera, size) >= DISC_SHARE
+            for mask in (fine, outcome.compared)
+        )
         light &= outcome.compared
         inside, v, u = self._at_samples
         coded = self._coded[v, u]
@@ -582,6 +592,11 @@ class LitPictures:
         reason = np.where(coded, Unjudged.CODE.number, outcome.reason[v, u])
         code[inside] = np.where(shown, 0, np.where(reason == 0, edge, reason))
         return compared, code
+
+
+def _away_px(edge: BoolArray) -> Float32Array:
+    """Return the distance (h, w) from the nearest place of an edge, in places."""
+    return np.asarray(cv2.distanceTransform((~edge).astype(np.uint8), cv2.DIST_L2, 5), np.float32)
 
 
 def _error(observed: Float32Array, predicted: Float32Array) -> float:

@@ -6,6 +6,7 @@ the face, as a share of its brightness: texture of the finish, camera noise and 
 edges and borders of shadows predicted from the CAD model, nothing is compared.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,6 +16,8 @@ import numpy as np
 from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, inner, median
 
 from .surface import Surface
+
+Window = tuple[slice, slice]
 
 # Least cosine between neighbouring nodes' normals on a smooth face.
 CREASE_COSINE: Final = float(np.cos(np.radians(8.0)))
@@ -52,23 +55,42 @@ class Texture:
     shaped: BoolArray
 
 
-def feature_edges(surface: Surface) -> BoolArray:
-    """Return a mask (h, w) of nodes where the CAD model shows an edge, a crease or an outline."""
+def creases(surface: Surface) -> BoolArray:
+    """Return a mask (h, w) of nodes beside which a face of the CAD model turns sharply."""
     seen = surface.seen
     normal = np.zeros((*seen.shape, 3), dtype=np.float32)
     normal[seen] = surface.normals
-    depth, edge = surface.depth_mm, np.zeros(seen.shape, dtype=bool)
-    side = surface.node_mm
-    for axis in (0, 1):
-        a = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
-        b = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
-        both = seen[a] & seen[b]
-        turned = inner(normal[a], normal[b]) < CREASE_COSINE
-        far = np.abs(depth[a] - depth[b]) > DEPTH_STEP * np.maximum(side[a], side[b])
-        other = (surface.face[a] != surface.face[b]) | (both & (turned | far))
-        edge[a] |= other
-        edge[b] |= other
-    return edge
+    return _beside(
+        lambda a, b: seen[a] & seen[b] & (inner(normal[a], normal[b]) < CREASE_COSINE), seen.shape
+    )
+
+
+def borders(face: Int32Array, depth_mm: FloatArray, side_mm: FloatArray) -> BoolArray:
+    """Return a mask (h, w) of places beside which another face begins, or one stands before it.
+
+    Parameters
+    ----------
+    face : (h, w) met, -1 where none
+    depth_mm : (h, w) along the camera's axis
+    side_mm : (h, w) side of a place, square to the line of sight
+    """
+
+    def other(a: Window, b: Window) -> BoolArray:
+        far = np.abs(depth_mm[a] - depth_mm[b]) > DEPTH_STEP * np.maximum(side_mm[a], side_mm[b])
+        return np.asarray((face[a] != face[b]) | ((face[a] >= 0) & far))
+
+    return _beside(other, face.shape)
+
+
+def _beside(differ: Callable[[Window, Window], BoolArray], shape: tuple[int, int]) -> BoolArray:
+    """Return a mask (h, w) of places that differ from the next one in a row or column."""
+    out = np.zeros(shape, dtype=bool)
+    whole, but_last, but_first = slice(None), slice(None, -1), slice(1, None)
+    for a, b in (((but_last, whole), (but_first, whole)), ((whole, but_last), (whole, but_first))):
+        other = differ(a, b)
+        out[a] |= other
+        out[b] |= other
+    return out
 
 
 def learned_texture(contrast: Float32Array, smooth: Float32Array, mask: BoolArray) -> Texture:

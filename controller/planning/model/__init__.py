@@ -26,7 +26,7 @@ from .plan import (
     Unseen,
     lit_count,
 )
-from .prepared import FaceToShowAgain, HandOff, PlanOptions, PreparedPart, Rest
+from .prepared import FaceToShowAgain, HandOff, PlanOptions, PreparedPart, Rest, of_faces
 from .starts import InArm, InFixedGripper, OnTable, Start
 from .visibility import BoreOpenings, Counted, Directions, HiddenEvidence, VisibilityTable
 
@@ -83,4 +83,5 @@ __all__ = [
     "Unseen",
     "VisibilityTable",
     "lit_count",
+    "of_faces",
 ]

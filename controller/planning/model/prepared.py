@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, FloatArray, Int32Array
 from controller.cad import Solid, StablePose, SurfaceSamples
 from controller.imaging import inverse_pose
 
@@ -40,13 +40,20 @@ class Rest:
     T_world_part: FloatArray
 
 
+def of_faces(value: float | tuple[float, ...], face_ids: Int32Array) -> FloatArray:
+    """Return a number of every face, or by face id, at surface points (n,) on faces."""
+    by_face = np.asarray(value, dtype=np.float64)
+    return by_face[face_ids] if by_face.ndim else np.full(len(face_ids), by_face)
+
+
 @dataclass(frozen=True, slots=True)
 class PlanOptions:
     """Aims of the planner."""
 
     max_incidence_deg: float = 70.0  # a surface at a flatter angle than this shows too little
-    # pixels per millimetre along the surface, foreshortening included, that a view must give
-    min_px_per_mm: float = 1.0
+    # pixels per millimetre along the surface, foreshortening included, that a view must give: of
+    # every face, or by its id
+    min_px_per_mm: float | tuple[float, ...] = 1.0
     direction_count: int = 90  # directions of the even sphere, beside square ones
     arm_grasps_per_pose: int = 8
     arm_grasps_round: int = 16

@@ -17,7 +17,7 @@ from controller.cad import Solid, SurfaceSamples, by_face
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
 
 from ..geometry import Box, segments_hit, stack
-from ..model import CellLayout, Grasp, PlanOptions
+from ..model import CellLayout, Grasp, PlanOptions, of_faces
 from ..motion import Scene, link_boxes, shown_pose
 from ._arm import holds
 from ._lens import SureRegion, stretches
@@ -169,18 +169,21 @@ class Counter:
         T_cam_part: FloatArray,
     ) -> BoolArray:
         """Return a mask (k,) of the points with enough pixels to the millimetre."""
-        least, (low_px, high_px) = self._options.min_px_per_mm, self._sure_of(camera).focal_px
+        low_px, high_px = self._sure_of(camera).focal_px
+        least = of_faces(self._options.min_px_per_mm, self._samples.face_ids[members])
         # straight ahead a surface looked at askance has fewest pixels, so this is a bound
         fine = np.asarray(low_px * cosine >= least * p_cam_mm[:, 2])
         (rows,) = np.nonzero(~fine)
-        p_cam_mm = p_cam_mm[rows]
+        p_cam_mm, least = p_cam_mm[rows], least[rows]
         normals = self._samples.normals[members[rows]] @ T_cam_part[:3, :3].T
         per_mm = pinhole_per_mm(p_cam_mm, normals)
         fine[rows] = low_px * per_mm >= least
         unsure = ~fine[rows] & (high_px * per_mm >= least)
         T = camera.T_world_cam
         points = transform(T, p_cam_mm[unsure])
-        fine[rows[unsure]] = px_per_mm(camera, points, normals[unsure] @ T[:3, :3].T) >= least
+        fine[rows[unsure]] = (
+            px_per_mm(camera, points, normals[unsure] @ T[:3, :3].T) >= least[unsure]
+        )
         return fine
 
 

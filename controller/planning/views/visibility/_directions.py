@@ -220,12 +220,12 @@ def _looked(
         eyes = eyes_of(solid, vectors[rows], rules)
         cosine = cosines(samples, eyes)
         depth = rules.depth_bounds_mm(from_com, vectors[rows])
-        good = rules.shows(cosine, depth)
+        good = rules.shows(cosine, depth, samples.face_ids)
         free = free_sight_lines(samples, caster, good | (bare & (cosine > 0.0)), eyes)
         shows[rows] = free & good
         best = np.maximum(best, np.where(free, cosine, 0.0).max(axis=0))
         allowed = free & rules.is_square_enough(cosine)
-        coarse |= (allowed & ~rules.is_fine(cosine, depth)).any(axis=0)
+        coarse |= (allowed & ~rules.is_fine(cosine, depth, samples.face_ids)).any(axis=0)
         blurred |= (allowed & ~rules.is_sharp(depth)).any(axis=0)
     return _Search(vectors, shows, best, coarse, blurred)
 
@@ -253,7 +253,8 @@ def hidden_ones(
     for vector in directions[:, None]:
         eyes = eyes_of(solid, vector, rules)
         some = samples.rows(left)
-        good = rules.shows(cosines(some, eyes), rules.depth_bounds_mm(from_com[left], vector))
+        depth = rules.depth_bounds_mm(from_com[left], vector)
+        good = rules.shows(cosines(some, eyes), depth, some.face_ids)
         left = left[~free_sight_lines(some, caster, good, eyes)[0]]
         if len(left) == 0:
             break

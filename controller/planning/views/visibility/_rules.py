@@ -7,10 +7,10 @@ from typing import Self
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, FloatArray, Int32Array
 from controller.imaging import Camera
 
-from ...model import CellLayout
+from ...model import CellLayout, of_faces
 
 PICTURE_MARGIN_PX = 12.0  # nearer to the border the hold's millimetre may carry it out
 
@@ -26,7 +26,8 @@ class VisibilityRules:
     focal_px : the smaller one of both axes
     sharp_mm : depths along the axis between which the picture is sharp
     max_incidence_rad : largest angle between a surface's normal and the sight line
-    min_px_per_mm : along the surface in the worse direction, foreshortening included
+    min_px_per_mm : along the surface in the worse direction, foreshortening included; of every
+        face, or by its id
     """
 
     distance_mm: float
@@ -34,11 +35,14 @@ class VisibilityRules:
     focal_px: float
     sharp_mm: tuple[float, float]
     max_incidence_rad: float
-    min_px_per_mm: float
+    min_px_per_mm: float | tuple[float, ...]
 
     @classmethod
     def of_station(
-        cls, layout: CellLayout, max_incidence_deg: float, min_px_per_mm: float = 0.0
+        cls,
+        layout: CellLayout,
+        max_incidence_deg: float,
+        min_px_per_mm: float | tuple[float, ...] = 0.0,
     ) -> Self:
         """Return the rules of the inspection camera looking at a part at the station.
 
@@ -46,7 +50,7 @@ class VisibilityRules:
         ----------
         layout : the cell, with inspection camera and station
         max_incidence_deg : up to which a surface counts as seen
-        min_px_per_mm : least resolution along the surface; 0 for any
+        min_px_per_mm : least resolution along the surface, of every face or by its id; 0 for any
         """
         camera = layout.inspection
         towards = layout.station_mm - camera.position_mm
@@ -73,29 +77,39 @@ class VisibilityRules:
         spread = np.sqrt(np.maximum(across, 0.0)) * np.sin(self.tilt_rad)
         return np.stack([middle - spread, middle + spread])
 
-    def shows(self, cosine: FloatArray, depth_mm: FloatArray) -> BoolArray:
+    def shows(self, cosine: FloatArray, depth_mm: FloatArray, face_ids: Int32Array) -> BoolArray:
         """Return a mask of the surfaces shown well enough, apart from free lines of sight.
 
         Parameters
         ----------
         cosine : (...) cosine of the incidence
         depth_mm : (2, ...) least and greatest depth
+        face_ids : (...) face that each belongs to
         """
         return np.asarray(
-            self.is_square_enough(cosine) & self.is_fine(cosine, depth_mm) & self.is_sharp(depth_mm)
+            self.is_square_enough(cosine)
+            & self.is_fine(cosine, depth_mm, face_ids)
+            & self.is_sharp(depth_mm)
         )
 
     def is_square_enough(self, cosine: FloatArray) -> BoolArray:
         """Return a mask (...) of the surfaces that are not seen too flatly."""
         return np.asarray(cosine >= np.cos(self.max_incidence_rad))
 
-    def is_fine(self, cosine: FloatArray, depth_mm: FloatArray) -> BoolArray:
+    def is_fine(self, cosine: FloatArray, depth_mm: FloatArray, face_ids: Int32Array) -> BoolArray:
         """Return a mask (...) of surfaces with enough pixels to the foreshortened millimetre.
 
         Exact on the axis; off it a flat surface has more pixels than this estimate, by 2 % at most
         in a picture 20 degrees wide.
+
+        Parameters
+        ----------
+        cosine : (...) cosine of the incidence
+        depth_mm : (2, ...) least and greatest depth
+        face_ids : (...) face that each belongs to
         """
-        return np.asarray(self.focal_px * cosine >= self.min_px_per_mm * depth_mm[1])
+        least = of_faces(self.min_px_per_mm, face_ids)
+        return np.asarray(self.focal_px * cosine >= least * depth_mm[1])
 
     def is_sharp(self, depth_mm: FloatArray) -> BoolArray:
         """Return a mask (...) of depths within the depth of field."""

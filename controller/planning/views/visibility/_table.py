@@ -8,6 +8,7 @@ from controller.arrays import BoolArray, FloatArray
 from controller.cad import SurfaceSamples
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
 
+from ...model import of_faces
 from ._rules import in_picture
 from ._visible import cosines, free_sight_lines
 
@@ -19,7 +20,7 @@ def table_views(
     camera: Camera,
     sharp_mm: tuple[float, float],
     max_incidence_rad: float,
-    min_px_per_mm: float,
+    min_px_per_mm: float | tuple[float, ...],
 ) -> BoolArray:
     """Return a mask (k, n) of the samples that the camera shows well of a part in each pose.
 
@@ -34,9 +35,10 @@ def table_views(
     camera : calibrated, in the world's frame
     sharp_mm : depths along its axis between which the picture is sharp
     max_incidence_rad : up to which a surface counts as seen
-    min_px_per_mm : least resolution along the surface; 0 for any
+    min_px_per_mm : least resolution along the surface, of every face or by its id; 0 for any
     """
     focal_px = float(min(camera.K[0, 0], camera.K[1, 1]))
+    least = of_faces(min_px_per_mm, samples.face_ids)
     shown = np.zeros((len(T_world_part), len(samples.points_mm)), dtype=bool)
     for k, T in enumerate(T_world_part):
         points = transform(T, samples.points_mm)
@@ -44,7 +46,7 @@ def table_views(
         eye = transform(inverse_pose(T), camera.position_mm[None])[0]
         cosine = cosines(samples, eye[None])[0]
         good = (cosine >= np.cos(max_incidence_rad)) & (depth > 0.0)
-        good &= focal_px * cosine >= min_px_per_mm * depth
+        good &= focal_px * cosine >= least * depth
         good &= (depth >= sharp_mm[0]) & (depth <= sharp_mm[1])
         good &= in_picture(camera, points)
         shown[k] = free_sight_lines(samples, caster, good[None], eye[None])[0]

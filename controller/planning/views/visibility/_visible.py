@@ -53,7 +53,8 @@ def visible_from(
     from_com = samples.points_mm - solid.centroid_mm
     for rows in chunks(len(vectors), len(samples.points_mm)):
         eyes = eyes_of(solid, vectors[rows], rules)
-        good = rules.shows(cosines(samples, eyes), rules.depth_bounds_mm(from_com, vectors[rows]))
+        depth = rules.depth_bounds_mm(from_com, vectors[rows])
+        good = rules.shows(cosines(samples, eyes), depth, samples.face_ids)
         visible[rows] = free_sight_lines(samples, caster, good, eyes)
     return visible
 

@@ -1,0 +1,54 @@
+"""Pixels that a face needs for its surface to be compared, and not its edges alone."""
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray
+from controller.cad import Solid, inner_mm
+
+from .limits import EDGE_PLAY_MM, EDGE_PLAY_PX, MIN_FACE_SHARE
+from .lit import MIN_WIDTH_PX
+
+
+def strip_mm(pixel_mm: float) -> float:
+    """Return the width of the strip beside an edge in which no defect shows, seen squarely.
+
+    Parameters
+    ----------
+    pixel_mm : size of a pixel at the part
+    """
+    return EDGE_PLAY_MM + EDGE_PLAY_PX * pixel_mm
+
+
+def is_narrow(
+    solid: Solid, smallest_mm: float, pixel_mm: float, cosine: float | FloatArray
+) -> BoolArray:
+    """Return a mask (f,) of faces on which no smallest defect is clear of the strips beside edges.
+
+    Parameters
+    ----------
+    solid : the part
+    smallest_mm : size of the smallest defect
+    pixel_mm : size of a pixel at the part
+    cosine : (f,) of the incidence at which a view shows each face; or one for all
+    """
+    return np.asarray(inner_mm(solid) < 0.5 * smallest_mm + strip_mm(pixel_mm) / cosine)
+
+
+def needed_px_per_mm(solid: Solid, smallest_mm: float, pixel_mm: float) -> FloatArray:
+    """Return the pixels to the millimetre (f,), foreshortened, by which a face can be compared.
+
+    The smallest defect has to be as wide in the picture as the filters need. And since a strip
+    beside an edge is wider on a surface seen aslant, strips must leave of a face's inner radius the
+    share that has to be compared. Where that takes more than a square view has, or where a square
+    view leaves no room for a defect, the face's edges have to verify it.
+
+    Parameters
+    ----------
+    solid : the part
+    smallest_mm : size of the smallest defect
+    pixel_mm : size of a pixel at the part
+    """
+    usual = MIN_WIDTH_PX / smallest_mm
+    cosine = strip_mm(pixel_mm) / ((1.0 - MIN_FACE_SHARE) * inner_mm(solid))
+    by_edges = is_narrow(solid, smallest_mm, pixel_mm, 1.0) | (cosine > 1.0)
+    return np.where(by_edges, usual, np.maximum(usual, cosine / pixel_mm))
