@@ -10,7 +10,7 @@ import numpy as np
 
 from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, load_part, part_name
-from controller.catalogue import LOCAL, Jobs, PartWork
+from controller.catalogue import PartWork
 from controller.cell.plans import KeptPlan, PlanCache
 from controller.config import Cell, ConfigError, load_cell
 from controller.planning import Certificate
@@ -18,11 +18,12 @@ from controller.results.moments import view_count
 from controller.setup.faces import faces_left_out
 from controller.setup.planner import PlannerSetup, planner_setup
 
-from ..inputs.ahead import working_ahead
+from ..inputs.ahead import jobs_among, working_ahead
 from ..inputs.checks import Place, check_drawings, check_writable_folder, parse_place, writing
 from ..inputs.part_files import PartFile, stable_pose
 from ..terminal.output import emit, print_line, refuse
 from ..terminal.progress import PartProgress, shown_progress
+from .arguments import PartPlanOptions
 from .certificates import (
     certified_each,
     counted,
@@ -33,31 +34,14 @@ from .certificates import (
 from .plan_json import certificate_json, plan_json
 
 
-def plan_part_file(
-    part: PartFile,
-    cell_path: Path,
-    pose_index: int | None,
-    at: str | None,
-    *,
-    report: Path | None,
-    drawings: Path | None = None,
-    use_cache: bool,
-    jobs: Jobs = LOCAL,
-    as_json: bool,
-) -> int:
+def plan_part_file(options: PartPlanOptions, part: PartFile, cell_path: Path) -> int:
     """Plan a part at one position, from one stable pose or from each.
 
     Parameters
     ----------
+    options : the command line
     part : the CAD file and its recipe
     cell_path : cell file
-    pose_index : stable pose to plan for, None for all
-    at : planar pose, "X,Y,THETA_DEG"; None for the middle of the drop area
-    report : HTML page to write, None for none
-    drawings : folder for two pictures of each step, None for none
-    use_cache : read and keep compiled parts and plans
-    jobs : processes that certify the stable poses
-    as_json : print one JSON object instead of tables
 
     Returns
     -------
@@ -67,11 +51,14 @@ def plan_part_file(
     ------
     ConfigError, CadError : a file or an option is wrong
     """
+    pose_index, use_cache = options.pose_index, not options.without_cache
+    report, drawings, as_json = options.report, options.drawings, options.as_json
+    jobs = jobs_among(options.jobs, use_cache=use_cache)
     cell = load_cell(cell_path)
     if report is not None:
         check_writable_folder(report.parent, "--report in")
     check_drawings(drawings, 1)
-    place = parse_place(at, cell, is_on_table=False)
+    place = parse_place(options.at, cell, is_on_table=False)
     with shown_progress(part_name(part.path), as_json=as_json) as progress:
         compiled = load_part(part.path, part.options, on_stage=progress.begin)
     setup = planner_setup(part.recipe, cell, compiled)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from controller.cad.compiled import CompileOptions, options_among, part_name
-from controller.catalogue import LOCAL, Jobs, PartWork
+from controller.catalogue import Jobs, PartWork
 from controller.config import CAD_FORMATS, ConfigError, is_cad_file
 from controller.imaging import Camera
 from controller.recognition import Library, Recognition, recognise
@@ -17,40 +17,18 @@ from controller.recognition.explain import explain
 from controller.recognition.stored import open_library
 from controller.stored.pictures import SaidOnce, StoredPicture, pictures_among, read_picture
 
-from ..inputs.ahead import working_ahead
+from ..inputs.ahead import jobs_among, working_ahead
 from ..inputs.calibration_file import load_calibration
 from ..inputs.checks import require_files
 from ..terminal.output import emit, print_line, warn
 from ._explain_folder import ExplainFolder, show_tables
+from .arguments import RecogniseOptions
 
 Lighting = Literal["backlit", "front", "auto"]
 
 
-def recognise_images(
-    images: list[Path],
-    parts: list[Path],
-    calibration: Path,
-    lighting: Lighting,
-    *,
-    unit: str | None,
-    as_json: bool,
-    lamps: int = 1,
-    explain_in: Path | None = None,
-    jobs: Jobs = LOCAL,
-) -> int:
+def recognise_images(options: RecogniseOptions) -> int:
     """Recognise the objects in each picture.
-
-    Parameters
-    ----------
-    images : picture files, or folders of them
-    parts : CAD files or folders of the parts that may be in the pictures
-    calibration : calibration file of the camera that took them
-    lighting : whether the parts are on a light table
-    unit : unit of CAD files that name none, None for mm
-    as_json : print one JSON object for each object found
-    lamps : pictures of each scene, under one lamp each; backlit ones first before a light table
-    explain_in : folder for a drawing and tables of each picture, None for none
-    jobs : processes that compile the parts
 
     Returns
     -------
@@ -61,11 +39,12 @@ def recognise_images(
     ------
     ConfigError : the pictures do not make whole scenes
     """
-    require_files([calibration, *parts, *images])
-    camera = load_calibration(calibration)
-    files = _cad_files(parts)
-    paths, doubled = pictures_among(images)
-    folder = ExplainFolder(explain_in) if explain_in is not None else None
+    lamps, unit, jobs = options.lamps, options.unit and options.unit.value, jobs_among(options.jobs)
+    require_files([options.calibration, *options.parts, *options.images])
+    camera = load_calibration(options.calibration)
+    files = _cad_files(options.parts)
+    paths, doubled = pictures_among(options.images)
+    folder = ExplainFolder(options.explain) if options.explain is not None else None
     for remark in doubled:
         warn(remark)
     if len(paths) % lamps:
@@ -89,7 +68,9 @@ def recognise_images(
         for path, picture in zip(scene, pictures, strict=True):
             for note in once.fresh(picture.notes):
                 warn(f"{path.name}: {note}; reported once for all such pictures")
-        known += _answer_one(scene, pictures, camera, library, lighting, folder, as_json)
+        known += _answer_one(
+            scene, pictures, camera, library, options.lighting.value, folder, options.as_json
+        )
     if unread:
         return 2
     return 0 if known else 1

@@ -1,81 +1,20 @@
-"""Arguments and help of `cellctl recognise`."""
-
-from enum import StrEnum
-from pathlib import Path
-from typing import Annotated
+"""Help of `cellctl recognise`."""
 
 import typer
 
 from controller.loading import loading
 
-from ..options import JobsOption, JsonOption, UnitOption
+from ..options import from_fields
+from .arguments import RecogniseOptions
 
 
-class Lighting(StrEnum):
-    """The lighting of a stored picture."""
-
-    AUTO = "auto"
-    BACKLIT = "backlit"
-    FRONT = "front"
-
-
-def recognise(
-    images: Annotated[
-        list[Path],
-        typer.Argument(metavar="IMAGE", help="picture of the table, or folder of pictures"),
-    ],
-    parts: Annotated[
-        list[Path],
-        typer.Option(
-            "--parts", metavar="PART", help="CAD file, or folder of CAD files; may be repeated"
-        ),
-    ],
-    calibration: Annotated[
-        Path, typer.Option("--calibration", metavar="FILE", help="camera calibration (JSON)")
-    ],
-    lighting: Annotated[
-        Lighting, typer.Option("--lighting", help="lighting of the pictures")
-    ] = Lighting.AUTO,
-    lamps: Annotated[
-        int,
-        typer.Option(
-            "--lamps",
-            min=1,
-            metavar="N",
-            help="pictures in a row that show one scene, each under another lamp, to judge as one; "
-            "those of a folder are ordered by name (default: 1)",
-            show_default=False,
-        ),
-    ] = 1,
-    explain: Annotated[
-        Path | None,
-        typer.Option(
-            "--explain",
-            metavar="FOLDER",
-            help="write a drawing and tables there that explain each answer",
-        ),
-    ] = None,
-    unit: UnitOption = None,
-    jobs: JobsOption = None,
-    json: JsonOption = False,
-) -> None:
+@from_fields
+def recognise(options: RecogniseOptions) -> None:
     """Recognise parts in stored pictures of the table.
 
     Prints part, stable pose and pose on the table of every object, or "unknown".
     """
     with loading():
-        from ..inputs.ahead import jobs_among
         from .answers import recognise_images
 
-    code = recognise_images(
-        images,
-        parts,
-        calibration,
-        lighting.value,
-        unit=unit and unit.value,
-        as_json=json,
-        lamps=lamps,
-        explain_in=explain,
-        jobs=jobs_among(jobs),
-    )
-    raise typer.Exit(code)
+    raise typer.Exit(recognise_images(options))

@@ -1,16 +1,14 @@
 """Arguments and help of the commands about the page."""
 
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from controller.loading import loading
 
-from ..options import JsonOption, RunsOption
-
-RUNS = Path("runs")
+from ..options import JsonOption, from_fields
+from .arguments import ServeOptions
 
 
 class RoleName(StrEnum):
@@ -22,57 +20,8 @@ class RoleName(StrEnum):
     ENGINEER = "engineer"
 
 
-def serve(
-    runs: RunsOption = RUNS,
-    host: Annotated[
-        str,
-        typer.Option(
-            "--host",
-            metavar="ADDRESS",
-            help="address to listen on; any but this machine's own needs --tls-cert and --tls-key, "
-            "or --behind",
-        ),
-    ] = "127.0.0.1",
-    port: Annotated[
-        int, typer.Option("--port", metavar="PORT", min=1, max=65535, help="port to listen on")
-    ] = 8470,
-    tls_cert: Annotated[
-        Path | None, typer.Option("--tls-cert", metavar="FILE", help="certificate for https (PEM)")
-    ] = None,
-    tls_key: Annotated[
-        Path | None,
-        typer.Option("--tls-key", metavar="FILE", help="private key of the certificate (PEM)"),
-    ] = None,
-    behind: Annotated[
-        str | None,
-        typer.Option(
-            "--behind",
-            metavar="ORIGIN",
-            help="origin https://NAME under which a reverse proxy on this machine, or at the "
-            "addresses of --proxy, serves the page",
-        ),
-    ] = None,
-    proxy: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--proxy", metavar="ADDRESS", help="address of that proxy (default: this machine)"
-        ),
-    ] = None,
-    name: Annotated[
-        list[str] | None,
-        typer.Option("--name", metavar="NAME", help="host name by which browsers reach the page"),
-    ] = None,
-    recipes: Annotated[
-        Path | None,
-        typer.Option(
-            "--recipes",
-            metavar="FOLDER",
-            help="folder of the recipes and the cell file that engineers may change (default: "
-            "this folder)",
-        ),
-    ] = None,
-    json: JsonOption = False,
-) -> None:
+@from_fields
+def serve(options: ServeOptions) -> None:
     """Serve the web page that shows and operates the cell.
 
     Prints a link that logs in. Needs `pip install 'cellctl[page]'`.
@@ -80,19 +29,7 @@ def serve(
     with loading():
         from .server import serve_page
 
-    raise typer.Exit(
-        serve_page(
-            runs,
-            recipes or Path.cwd(),
-            host,
-            port,
-            (tls_cert, tls_key),
-            behind,
-            tuple(proxy or ()),
-            tuple(name or ()),
-            as_json=json,
-        )
-    )
+    raise typer.Exit(serve_page(options))
 
 
 def account(

@@ -8,39 +8,22 @@ from pathlib import Path
 from controller.config import ConfigError
 
 from ..terminal.output import emit, print_line
+from .arguments import ServeOptions
 
 PACKAGES = ("starlette", "uvicorn")
 
 
-def serve_page(
-    runs_dir: Path,
-    project_dir: Path,
-    host: str,
-    port: int,
-    tls: tuple[Path | None, Path | None],
-    behind: str | None,
-    proxies: tuple[str, ...],
-    names: tuple[str, ...],
-    *,
-    as_json: bool,
-) -> int:
+def serve_page(options: ServeOptions) -> int:
     """Serve the page until a signal ends it; return 0.
-
-    Parameters
-    ----------
-    runs_dir : folder of all runs
-    project_dir : folder of recipes and cell file
-    host, port : address to listen on
-    tls : files of certificate and key
-    behind : origin under which a reverse proxy serves it
-    proxies : addresses of that proxy
-    names : host names by which browsers reach it
-    as_json : print the link as JSON
 
     Raises
     ------
     ConfigError : the packages are missing, the address is not allowed or taken, or a file is wrong
     """
+    runs_dir, project_dir = options.runs_dir, options.project_dir or Path.cwd()
+    host, port, behind = options.host, options.port, options.behind
+    cert, key = options.tls_cert, options.tls_key
+    proxies, names = tuple(options.proxies or ()), tuple(options.names or ())
     require_packages()
     if not project_dir.is_dir():
         raise ConfigError(f"--recipes {project_dir}: there is no such folder")
@@ -57,7 +40,6 @@ def serve_page(
     from controller.page.security.addresses import is_loopback
     from controller.page.serving import build, serve
 
-    cert, key = tls
     if (cert is None) != (key is None):
         raise ConfigError("--tls-cert and --tls-key require each other")
     if behind is not None and cert is not None:
@@ -91,7 +73,7 @@ def serve_page(
     link = f"{origin.rstrip('/')}/enter?token={token}"
 
     def tell() -> None:
-        if as_json:
+        if options.as_json:
             emit({"event": "ready", "url": origin, "link": link})
             return
         print_line(f"the page of {runs_dir}: {link}")
