@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, Grey
+from controller.arrays import BoolArray, Grey
 from controller.imaging import Camera
 
 from ..grey import Edgelets, picture_edgelets, swept
@@ -17,33 +17,26 @@ MAX_BY_EDGES: Final = 12
 
 
 def by_edges(
-    crops: Sequence[Grey],
-    corner_px: tuple[int, int],
-    thing: BoolArray,
-    free: BoolArray,
-    scene: TableScene,
+    edges: Sequence[Edgelets], corner_px: tuple[int, int], thing: BoolArray, scene: TableScene
 ) -> list[Candidate]:
     """Return up to `MAX_BY_EDGES` candidates, the likeliest first, already fitted to edges.
 
     Parameters
     ----------
-    crops : (h, w) grey; of several lamps the brightest of all first, then each lamp's
-    corner_px : (x0, y0) corner of the crops in the picture
+    edges : `edges_on_table` of the crops about the thing
+    corner_px : (x0, y0) corner of these crops in the picture
     thing : (h, w) mask of a region, or of a piece of it
-    free : (h, w) mask of the area free of other things
     scene : its camera, and the parts that it may be
     """
     camera, library = scene.camera, scene.library
     v, u = np.nonzero(thing)
     if len(v) == 0:
         return []
-    corner = np.array(corner_px, dtype=np.float64)
-    every = [_edgelets(crop, corner, free, camera) for crop in crops]
     ends_px = np.array([[u.min(), v.min()], [u.max(), v.max()]], dtype=np.float64)
-    box_mm = camera.on_plane(ends_px + corner)[:, :2]
+    box_mm = camera.on_plane(ends_px + corner_px)[:, :2]
     found = swept(
-        every[1:] or every,
-        every[0],
+        edges[1:] or edges,
+        edges[0],
         library.edgelets,
         library.edgelet_turns_rad,
         np.sort(box_mm, axis=0),
@@ -64,12 +57,30 @@ def by_edges(
     return proposed
 
 
-def _edgelets(crop: Grey, corner: FloatArray, free: BoolArray, camera: Camera) -> Edgelets:
-    """Return the edgelets of a crop on the table, without those of other things."""
-    found = picture_edgelets(crop, lambda p: camera.on_plane(p + corner)[:, :2])
-    if free.all():
-        return found
-    on_table = np.column_stack([found.points_mm, np.zeros(len(found.points_mm))])
-    x, y = np.round(camera.project(on_table) - corner).astype(np.int64).T
+def edges_on_table(
+    crops: Sequence[Grey],
+    corner_px: tuple[int, int],
+    camera: Camera,
+    free: BoolArray | None = None,
+) -> list[Edgelets]:
+    """Return the edgelets of each crop on the table, without those of other things.
+
+    Parameters
+    ----------
+    crops : (h, w) grey; of several lamps the brightest of all first, then each lamp's
+    corner_px : (x0, y0) corner of the crops in the picture
+    camera : overhead, calibrated
+    free : (h, w) mask of the area free of other things; None for all of it
+    """
+    every = [picture_edgelets(crop, lambda p: camera.on_plane(p + corner_px)) for crop in crops]
+    return every if free is None else [_within(free, one, corner_px, camera) for one in every]
+
+
+def _within(
+    free: BoolArray, edges: Edgelets, corner_px: tuple[int, int], camera: Camera
+) -> Edgelets:
+    """Return the edgelets in a mask (h, w) of their crop."""
+    on_table = np.column_stack([edges.points_mm, np.zeros(len(edges.points_mm))])
+    x, y = np.round(camera.project(on_table) - corner_px).astype(np.int64).T
     height, width = free.shape
-    return found.at(free[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)])
+    return edges.at(free[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)])

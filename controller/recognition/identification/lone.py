@@ -10,7 +10,7 @@ from messages import key
 
 from ..library import FEW_VIEWS, Candidate, Library, Silhouette, polar_grid
 from ..segmentation import Region
-from .by_edges import by_edges
+from .by_edges import by_edges, edges_on_table
 from .cutout import ObjectCutout
 from .decide import decide, is_convincing
 from .hypotheses import distinct, is_tried, ranked_under_lamps, weigh
@@ -50,8 +50,8 @@ def identify(region: Region, scene: TableScene) -> Seen:
     cutout = ObjectCutout(region, scene, outlines)
     hypotheses = weigh(candidates, cutout, scene.search)
     if not scene.is_backlit and not is_convincing(hypotheses):
-        free = np.ones(region.mask.shape, dtype=np.bool_)
-        proposed = by_edges(cutout.crops, cutout.corner_px, region.mask, free, scene)
+        edges = edges_on_table(cutout.crops, cutout.corner_px, scene.camera)
+        proposed = by_edges(edges, cutout.corner_px, region.mask, scene)
         candidates += proposed
         new = [c for c in proposed if not is_tried(c, hypotheses, library)]
         others = weigh(new, cutout, scene.search.for_edges(len(new)))

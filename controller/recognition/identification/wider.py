@@ -17,7 +17,7 @@ from controller.imaging import render_maps
 from ..fitting import ImageEdges
 from ..library import Candidate
 from ..segmentation import Region, joined, near_ones
-from .by_edges import by_edges
+from .by_edges import by_edges, edges_on_table
 from .clusters import Answers
 from .cutout import ObjectCutout
 from .decide import decide, has_other_inside
@@ -124,7 +124,8 @@ def look_wider(
     wide = widened(region, margin_px, scene.pictures[0].shape)
     free = _free(wide, others)
     cutout = ObjectCutout(wide, scene, [wide.loops_px])
-    candidates = by_edges(cutout.crops, cutout.corner_px, wide.mask, free, scene)
+    edges = edges_on_table(cutout.crops, cutout.corner_px, scene.camera, free)
+    candidates = by_edges(edges, cutout.corner_px, wide.mask, scene)
     found = weigh(candidates, cutout, scene.search.for_edges(len(candidates)))
     likely = [
         h for h in (*before, *found) if h.probability >= MAY_BE and _is_whole(h, scene.pictures[0])

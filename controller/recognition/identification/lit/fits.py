@@ -67,9 +67,10 @@ class LitCluster:
     ) -> None:
         self.box_px, self.mask, self.camera = box_px, mask, camera
         x0, y0, x1, y1 = box_px
-        self.crop, *others = (np.ascontiguousarray(one[y0:y1, x0:x1]) for one in pictures)
-        self.telling = others or [self.crop]
-        self.grey = GreyMeasure(self.crop, (x0, y0), is_lit=True, others=others)
+        self.crops = [np.ascontiguousarray(one[y0:y1, x0:x1]) for one in pictures]
+        first, *others = self.crops
+        self.telling = others or self.crops
+        self.grey = GreyMeasure(first, (x0, y0), is_lit=True, others=others)
         self.image_edges = ImageEdges.of(self.grey, np.ones(mask.shape, dtype=np.bool_))
 
     def mm_per_px(self, x_mm: float, y_mm: float) -> float:

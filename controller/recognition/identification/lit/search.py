@@ -33,7 +33,7 @@ from ...library import (
 )
 from ...partial import Cluster, are_one_place, propose_partial
 from ...segmentation import Region
-from ..by_edges import by_edges
+from ..by_edges import by_edges, edges_on_table
 from ..decide import CONVINCING, CONVINCING_PX
 from ..hypotheses import (
     SAME_PLACE_MM,
@@ -104,7 +104,7 @@ class ClusterSearch:
         stretches = self._in_turn([self._by_stretches(piece) for piece in pieces])
         stretches = stretches[:MAX_BY_STRETCHES]
         if is_first:
-            return [*stretches, *self._in_turn(list(map(self._by_edges, self._apart(pieces))))]
+            return [*stretches, *self._in_turn(self._by_edges(self._apart(pieces)))]
         return [c for piece in pieces for c in self._by_silhouette(piece)] + stretches
 
     def _in_turn(self, by_piece: Sequence[Sequence[Candidate]]) -> list[Candidate]:
@@ -126,11 +126,11 @@ class ClusterSearch:
                 kept.append(piece)
         return kept
 
-    def _by_edges(self, piece: Region) -> list[Candidate]:
-        cluster, mask = self.cluster, within(piece, self.region)
-        free = np.ones(mask.shape, dtype=np.bool_)
-        crops = (cluster.crop, *cluster.telling)
-        return by_edges(crops, cluster.box_px[:2], mask, free, self._scene)
+    def _by_edges(self, pieces: Sequence[Region]) -> list[list[Candidate]]:
+        """Return the candidates for each piece by the edges of the whole cluster."""
+        corner_px = self.cluster.box_px[:2]
+        edges = edges_on_table(self.cluster.crops, corner_px, self._scene.camera)
+        return [by_edges(edges, corner_px, within(p, self.region), self._scene) for p in pieces]
 
     def _by_stretches(self, piece: Region) -> list[Candidate]:
         outline = Cluster(piece, self.cluster.camera, self._scene.usable)
