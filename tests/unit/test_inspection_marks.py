@@ -13,7 +13,7 @@ from controller.imaging import Camera
 from controller.inspection import InspectionLimits
 from controller.inspection.lit.bounce import Bounced, Mirrored, Neighbours
 from controller.inspection.lit.brightness import fit_brightness
-from controller.inspection.lit.claims import share_of_face
+from controller.inspection.lit.claims import shares_of_face
 from controller.inspection.lit.compare import compare
 from controller.inspection.lit.finish import HIGHLIGHT_WIDTHS_RAD, Polish, finish_of
 from controller.inspection.lit.light import Light
@@ -307,7 +307,7 @@ def test_a_defect_on_a_narrow_face_is_cut_by_the_face_itself() -> None:
     surface.face[50:56] = np.where(surface.seen[50:56], 1, -1)
     mask = surface.face == 1
     mask[50], mask[55] = False, False
-    share = share_of_face(mask, surface, ABOVE, 8)
+    (share,) = shares_of_face([mask], surface, ABOVE, 8)
     # a disc of eight nodes about row 52 has on the rows 50 to 55 so much, and on 51 to 54 so much
     heights = np.arange(-2, 4)
     widths = 2 * np.floor(np.sqrt(16 - heights**2)) + 1
@@ -319,9 +319,10 @@ def test_a_defect_on_a_surface_seen_aslant_is_narrower_in_the_picture() -> None:
     surface = plane()
     mask = np.zeros(SHAPE, dtype=bool)
     mask[58:63] = surface.seen[58:63]
-    squarely = share_of_face(mask, surface, ABOVE, 8)[60, 60]
-    about_rows = share_of_face(mask, tilted(surface, (0.0, 0.8, 0.6)), ABOVE, 8)[60, 60]
-    about_columns = share_of_face(mask, tilted(surface, (0.8, 0.0, 0.6)), ABOVE, 8)[60, 60]
+    squarely, about_rows, about_columns = (
+        shares_of_face([mask], tilted(surface, normal), ABOVE, 8)[0][60, 60]
+        for normal in ((0.0, 0.0, 1.0), (0.0, 0.8, 0.6), (0.8, 0.0, 0.6))
+    )
     # turned about a row it is 4.8 nodes high, and all of it lies on the five rows
     assert about_rows == pytest.approx(1.0)
     assert squarely < 0.8

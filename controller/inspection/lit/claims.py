@@ -5,7 +5,7 @@ at its edges, and so does a defect on it. For a defect that extends over an edge
 on the face itself counts; the rest belongs to the neighbour.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import cv2
@@ -21,21 +21,21 @@ from .surface import Surface
 ALIKE: Final = 0.25
 
 
-def share_of_face(
-    mask: BoolArray, surface: Surface, camera: Camera, size_nodes: float
-) -> Float32Array:
-    """Return the share (h, w) of a defect about each node, cut by its face, that lies on a mask.
+def shares_of_face(
+    masks: Sequence[BoolArray], surface: Surface, camera: Camera, size_nodes: float
+) -> list[Float32Array]:
+    """Return the shares (h, w) of a defect about each node, cut by its face, that lie on masks.
 
     Parameters
     ----------
-    mask : (h, w) what was compared
+    masks : (h, w) each, what was compared
     surface : seen by the nodes
     camera : that sees it
     size_nodes : width of the defect, seen squarely
     """
-    out = np.zeros(mask.shape, dtype=np.float32)
+    out = [np.zeros(surface.seen.shape, dtype=np.float32) for _ in masks]
     half = int(size_nodes / 2)
-    faces = np.unique(surface.face[mask & surface.seen])
+    faces = np.unique(surface.face[np.logical_or.reduce(masks) & surface.seen])
     for face, rows, columns, normal in _patches(surface, camera, faces):
         window = (
             slice(max(int(rows.min()) - half, 0), int(rows.max()) + half + 1),
@@ -43,12 +43,13 @@ def share_of_face(
         )
         mine = surface.face[window] == face
         disc = _disc(size_nodes, normal)
-        own, on = (
+        own, *on = (
             cv2.filter2D(m.astype(np.float32), -1, disc, borderType=cv2.BORDER_CONSTANT)
-            for m in (mine, mine & mask[window])
+            for m in (mine, *(mine & mask[window] for mask in masks))
         )
-        share = on / np.maximum(own, np.float32(1.0))
-        out[rows, columns] = share[rows - window[0].start, columns - window[1].start]
+        at = rows - window[0].start, columns - window[1].start
+        for share, some in zip(out, on, strict=True):
+            share[rows, columns] = some[at] / own[at]
     return out
 
 

@@ -29,7 +29,7 @@ from ..registration import (
 )
 from .bounce import Neighbours, find_neighbours
 from .brightness import Brightness, fit_brightness
-from .claims import share_of_face
+from .claims import shares_of_face
 from .coded import on_code
 from .compare import (
     BURNT_GREY,
@@ -577,10 +577,9 @@ class LitPictures:
         width = np.asarray(limits.smallest_defect_mm / side, np.float32)
         fine = finds(answer, texture, self._surface.cosine, FindingKind.DENT.name.lower(), width)
         size = limits.smallest_defect_mm / self._mm / STEP_PX
-        whole, light = (
-            share_of_face(mask, self._surface, self._task.camera, size) >= DISC_SHARE
-            for mask in (fine, outcome.compared)
-        )
+        masks, camera = (fine, outcome.compared), self._task.camera
+        shares = shares_of_face(masks, self._surface, camera, size)
+        whole, light = (share >= DISC_SHARE for share in shares)
         light &= outcome.compared
         inside, v, u = self._at_samples
         coded = self._coded[v, u]
