@@ -232,7 +232,9 @@ def test_the_worker_looks_at_the_part_in_its_gripper_and_at_the_one_that_stands(
     post = Box.from_bounds(x - 5, x + 5, y - 5, y + 5, z - 5, z + 5)
     layout = replace(LAYOUT, obstacles={**LAYOUT.obstacles, "post": post})
     solid = SimpleNamespace(mesh=SimpleNamespace(bounds=bounds))
-    monkeypatch.setattr(answers, "context", lambda job: SimpleNamespace(layout=layout, solid=solid))
+    monkeypatch.setattr(
+        answers.homing, "context", lambda job: SimpleNamespace(layout=layout, solid=solid)
+    )
     job, near = Job(Path("recipe.yaml"), Path("cell.yaml")), POINTS[1] + 0.1 * (STANDS - POINTS[1])
     empty = Scene(layout, ARM_MM, FIXED_MM)
     carries = Scene(layout, ARM_MM, FIXED_MM, Box.from_bounds(-6, 6, -80, 80, -6, 6))

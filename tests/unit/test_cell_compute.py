@@ -63,7 +63,9 @@ def test_every_answer_can_be_asked_for() -> None:
     public = {
         name
         for name, one in vars(answers).items()
-        if inspect.isfunction(one) and one.__module__ == answers.__name__ and name[0] != "_"
+        if inspect.isfunction(one)
+        and one.__module__.startswith(answers.__name__)
+        and name[0] != "_"
     }
     assert public == set(QUESTIONS)
 
@@ -95,14 +97,14 @@ def test_work_ahead_goes_on_where_its_last_piece_ended(monkeypatch: pytest.Monke
             kept.once(lambda: None, piece)
             yield
 
-    monkeypatch.setattr(answers, "stored_ahead", work)
-    monkeypatch.setattr(answers, "parse_view_set", lambda path, text: Text(text))
-    monkeypatch.setattr(answers, "context", lambda job: SimpleNamespace(part=None))
-    answers._work_at_hand.cache_clear()
-    answers._kept.cache_clear()
+    monkeypatch.setattr(answers.views, "stored_ahead", work)
+    monkeypatch.setattr(answers.views, "parse_view_set", lambda path, text: Text(text))
+    monkeypatch.setattr(answers.views, "context", lambda job: SimpleNamespace(part=None))
+    answers.views._work_at_hand.cache_clear()
+    answers.views._kept.cache_clear()
     more = [answers.judge_ahead(JOB, Path("set"), "one grasp", 5) for _ in range(4)]
     assert more == [True, True, True, False]
     assert not answers.judge_ahead(JOB, Path("set"), "two grasps", 5)  # all of it is known
     assert begun == ["one grasp", "two grasps"]
-    answers._work_at_hand.cache_clear()
-    answers._kept.cache_clear()
+    answers.views._work_at_hand.cache_clear()
+    answers.views._kept.cache_clear()

@@ -56,7 +56,7 @@ def live_task(monkeypatch: pytest.MonkeyPatch, ask: Any, *arguments: Any) -> Vie
         raise ReachedError
 
     with monkeypatch.context() as patch:
-        patch.setattr(answers.inspecting, "inspect_view", catch)
+        patch.setattr(answers.views.inspecting, "inspect_view", catch)
         with pytest.raises(ReachedError):
             ask(JOB, *arguments)
     return caught[0]

@@ -1,6 +1,6 @@
 """Heavy computation in a worker process, so that it never blocks the event loop.
 
-`service.py` declares the questions and `answers.py` has the functions that answer them. `job.py`
+`service.py` declares the questions and `answers/` has the functions that answer them. `job.py`
 has a worker's data for a job, and `held_search.py` finds a part that slipped in the jaws.
 `one_task.py` holds optional work. `checking.py` checks a recipe in a cell from files alone.
 """

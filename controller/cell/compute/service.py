@@ -1,6 +1,6 @@
 """The compute service: functions that take seconds, run in a worker process, awaited by the cell.
 
-Each question is declared once, by the function in `answers.py` that answers it. `Compute` has a
+Each question is declared once, by the function in `answers/` that answers it. `Compute` has a
 method of the same name with the same arguments except the job, and mypy knows their types.
 """
 
@@ -18,7 +18,7 @@ Answer = TypeVar("Answer")
 
 
 class ComputeCall(Generic[Arguments, Answer]):
-    """A function of `answers.py` as an awaitable method of the compute service."""
+    """A function of `answers/` as an awaitable method of the compute service."""
 
     def __init__(self, answer: Callable[Concatenate[Job, Arguments], Answer]) -> None:
         self._answer = answer
