@@ -5,7 +5,9 @@ key and values. A reader that does not know of it sees English alone; an object 
 before there were keys, is read as English.
 """
 
+import re
 from collections.abc import Iterator, Mapping
+from string import Formatter
 from typing import Any, Final
 
 from ._message import Message
@@ -13,6 +15,8 @@ from ._message import Message
 SAID: Final = "said"
 # Environment variable by which whoever starts `cellctl` has refusals on stderr as JSON, with keys.
 KEYS_ASKED: Final = "CELLCTL_KEYS"
+# Format of a blank: sign, zeros, two digits of width, thousands, decimals, kind.
+FORMAT: Final = re.compile(r"[-+ ]?0?\d{0,2},?(\.\d{1,2})?[a-zA-Z%]?")
 
 
 def sentences_in(content: object) -> Iterator[Message]:
@@ -67,9 +71,14 @@ def of_json(content: Mapping[str, Any]) -> Message:
 
     Raises
     ------
-    ValueError : a blank without its value, or something else than key and values
+    ValueError : a blank without its value, a format that no template has, or something else than
+        key and values
     """
     try:
+        for template in (content["key"], content.get("many", "")):
+            for _, _, spec, _ in Formatter().parse(template):
+                if spec and not FORMAT.fullmatch(spec):  # its width would take memory
+                    raise ValueError(f"{template!r}: no template has the format {spec!r}")
         values = {
             name: of_json(one) if isinstance(one, Mapping) else one
             for name, one in content.get("values", {}).items()

@@ -15,6 +15,9 @@ from typing import Annotated, Any, Literal, NewType, Union, get_args, get_origin
 
 import numpy as np
 
+from messages import Message
+from messages.form import as_json, of_json
+
 from .file import AnyArray, ArrayReader, ArrayWriter, CacheError
 
 Json = Any  # a tree of JSON values
@@ -196,11 +199,32 @@ def _scalar(kind: type, accepted: tuple[type, ...], is_stored: Callable[[Any], b
     return Codec(name, accepts, write, read)
 
 
+def _text() -> Codec:
+    """Return the codec of texts; a sentence is stored as its key and values."""
+
+    def write(value: Any, to: ArrayWriter) -> Json:  # noqa: ANN401 - a codec takes any value
+        if not isinstance(value, str):
+            raise _refusal(value, "str")
+        return as_json(value) if isinstance(value, Message) and value.values else str.__str__(value)
+
+    def read(tree: Json, of: ArrayReader) -> str:
+        if type(tree) is str:
+            return tree
+        if type(tree) is not dict:
+            raise _unexpected(tree, "str")
+        try:
+            return of_json(tree)
+        except ValueError as error:
+            raise _unexpected(tree, "a sentence") from error
+
+    return Codec("str", lambda value: isinstance(value, str), write, read)
+
+
 _SCALARS: dict[Any, Codec] = {
     bool: _scalar(bool, (bool, np.bool_), lambda value: True),
     int: _scalar(int, (int, np.integer), lambda value: -(2**63) <= value < 2**63),
     float: _scalar(float, (float, int, np.floating, np.integer), lambda value: True),
-    str: _scalar(str, (str,), lambda value: True),
+    str: _text(),
 }
 
 

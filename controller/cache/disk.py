@@ -27,7 +27,7 @@ from .file import (
 
 T = TypeVar("T")
 # Raise this number when the same annotations are stored in another way. Format 1 was not .npz.
-FORMAT = 2
+FORMAT = 3
 ENDING = ".npz"
 MAX_FOLDER_BYTES = 2**31  # Largest total size of the files with one prefix [bytes].
 
