@@ -189,7 +189,7 @@ def test_every_option_of_every_command_has_a_help_text() -> None:
         for name, function, _ in house.public_functions(source)
         if (options := house.command_options(function, shared)) is not None
     }
-    assert {"check", "report", "rejudge", "camera"} <= set(commands)
+    assert {"check", "report", "backup", "camera"} <= set(commands)
     for name, options in commands.items():
         assert all(house.has_help(option) for option in options), name
 

@@ -1,4 +1,4 @@
-"""The command lines of `cellctl history` and `review`."""
+"""The command lines of `cellctl history`, `review` and `rejudge`."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ..options import JsonOption, RunsOption, StoreOption
+from ..options import JobsOption, JsonOption, RunsOption, StoreOption
 
 RecipeFilter = Annotated[str, typer.Option("--recipe", metavar="NAME", help="parts of this recipe")]
 LotFilter = Annotated[str, typer.Option("--lot", metavar="LOT", help="parts of this lot")]
@@ -181,6 +181,31 @@ class ReviewOptions:
     recipe: RecipeFilter = ""
     chosen: PartFilter = field(default_factory=PartFilter)
     limit: LimitOption = 50
+    store_url: StoreOption = None
+    runs_dir: RunsOption = Path("runs")
+    as_json: JsonOption = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RejudgeOptions:
+    """The command line of `cellctl rejudge`; what each option is stands in its help."""
+
+    recipe: Annotated[
+        Path,
+        typer.Option(
+            "--recipe",
+            metavar="RECIPE",
+            help="recipe to judge by (YAML, or a name as in `run`); judges the parts of its name",
+        ),
+    ]
+    since: SinceFilter = None
+    until: UntilFilter = None
+    lot: LotFilter = ""
+    jobs: JobsOption = None
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="table of all parts to write (.csv)"),
+    ] = None
     store_url: StoreOption = None
     runs_dir: RunsOption = Path("runs")
     as_json: JsonOption = False

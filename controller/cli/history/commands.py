@@ -7,8 +7,8 @@ import typer
 
 from controller.loading import loading
 
-from ..options import JobsOption, JsonOption, RunsOption, StoreOption, from_fields
-from .arguments import HistoryOptions, LotFilter, ReviewOptions, SinceFilter, UntilFilter
+from ..options import JsonOption, RunsOption, from_fields
+from .arguments import HistoryOptions, RejudgeOptions, ReviewOptions
 
 
 @from_fields
@@ -63,27 +63,8 @@ def review(options: ReviewOptions) -> None:
     raise typer.Exit(review_parts(options))
 
 
-def rejudge(
-    recipe: Annotated[
-        Path,
-        typer.Option(
-            "--recipe",
-            metavar="RECIPE",
-            help="recipe to judge by (YAML, or a name as in `run`); judges the parts of its name",
-        ),
-    ],
-    since: SinceFilter = None,
-    until: UntilFilter = None,
-    lot: LotFilter = "",
-    jobs: JobsOption = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="table of all parts to write (.csv)"),
-    ] = None,
-    store: StoreOption = None,
-    runs: RunsOption = Path("runs"),
-    json: JsonOption = False,
-) -> None:
+@from_fields
+def rejudge(options: RejudgeOptions) -> None:
     """Judge an archive anew and list the parts that turned.
 
     Judges stored pictures, which must be those of the journal. Results go into the store alone; an
@@ -92,9 +73,7 @@ def rejudge(
     with loading():
         from .rejudging import rejudge_archive
 
-    raise typer.Exit(
-        rejudge_archive(recipe, since, until, lot, jobs, output, runs, store, as_json=json)
-    )
+    raise typer.Exit(rejudge_archive(options))
 
 
 def backup(

@@ -32,6 +32,7 @@ from ..inputs.ahead import told_of_workers
 from ..inputs.checks import check_writable_folder, writing
 from ..inputs.history_store import filled_store, instant
 from ..terminal.output import emit, print_line, warn, write_error_line
+from .arguments import RejudgeOptions
 from .tables import print_columns
 
 EVERY_S = 10.0  # between lines of progress
@@ -66,30 +67,8 @@ class _Progress:
             write_error_line(f"{at} of {count_of(self.whole, 'part')}, about {span(rest_s)} left")
 
 
-def rejudge_archive(
-    recipe: Path,
-    since: str | None,
-    until: str | None,
-    lot: str,
-    jobs_text: str | None,
-    output: Path | None,
-    runs_dir: Path,
-    url: str | None,
-    *,
-    as_json: bool,
-) -> int:
+def rejudge_archive(options: RejudgeOptions) -> int:
     """Judge the parts of an archive anew and print those that turned.
-
-    Parameters
-    ----------
-    recipe : recipe to judge by
-    since, until : first and last day of the parts; None for no such limit
-    lot : lot of the parts; empty for any
-    jobs_text : value of ``--jobs``
-    output : CSV file to write; None for none
-    runs_dir : folder of all runs
-    url : URL of the store; None for the folder's own
-    as_json : print JSON lines instead of a table
 
     Returns
     -------
@@ -100,19 +79,20 @@ def rejudge_archive(
     ConfigError : an option or the recipe is wrong, or no such part is there
     HistoryError : store or journal cannot be read, or the store not be written
     """
-    jobs = jobs_among(jobs_text)
+    output, since, until = options.output, options.since, options.until
+    jobs = jobs_among(options.jobs)
     if output is not None:
         if output.suffix.lower() != ".csv" or output.is_dir():
             raise ConfigError(f"-o {output}: name a file that ends in .csv")
         check_writable_folder(output.parent, "-o in")
     filters = Filters(
-        lot=lot,
+        lot=options.lot,
         since=None if since is None else instant(since, "--since"),
         until=None if until is None else instant(until, "--until", is_end=True),
     )
-    judging = judging_by_recipe(recipe)
-    with filled_store(runs_dir, url) as store:
-        archive = Archive(store, runs_dir, judging, filters)
+    judging = judging_by_recipe(options.recipe)
+    with filled_store(options.runs_dir, options.store_url) as store:
+        archive = Archive(store, options.runs_dir, judging, filters)
         whole, kept, others = counts(archive)
         if others:
             warn(
@@ -126,7 +106,7 @@ def rejudge_archive(
             )
         if kept:
             warn(f"judged so already: {kept} of {count_of(whole, 'part')}")
-        progress = _Progress(whole, whole - kept, as_json)
+        progress = _Progress(whole, whole - kept, options.as_json)
         problems: dict[int, str] = {}
         try:
             _judge(archive, jobs, problems, progress)
@@ -141,7 +121,7 @@ def rejudge_archive(
     if output is not None:
         with writing("-o", output):
             _write(turns, output)
-    _print(turns, output, as_json=as_json)
+    _print(turns, output, as_json=options.as_json)
     return 1 if problems else 0
 
 
