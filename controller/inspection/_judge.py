@@ -293,7 +293,7 @@ def _cautions(
     out = []
     counted = count_caution(samples, limits.smallest_defect_mm)
     if counted:
-        out.append(counted.removesuffix("."))
+        out.append(counted)
     if not_inspected:
         left = [f for f in faces if f.face_id in not_inspected]
         out.append(

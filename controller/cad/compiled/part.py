@@ -156,7 +156,7 @@ class CompiledPart:
             )
         counted = count_caution(self.samples, self.smallest_defect_mm)
         if counted:
-            found.append(counted)
+            found.append(say("{counted}.", counted=counted))
         if self.euler_defect:
             found.append(
                 say(

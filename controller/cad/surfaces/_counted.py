@@ -87,7 +87,9 @@ def counted_defect_mm(samples: SurfaceSamples, smallest_mm: float) -> float:
 
 
 def count_caution(samples: SurfaceSamples, smallest_mm: float) -> str:
-    """Return a sentence on the defects that coverage samples may miss; empty where there are none.
+    """Return a sentence on the defects that coverage samples may miss, without a full stop.
+
+    Empty where there are none.
 
     Parameters
     ----------
@@ -100,7 +102,7 @@ def count_caution(samples: SurfaceSamples, smallest_mm: float) -> str:
     return say(
         "Coverage is counted by {points_mm_count:,} points, no more than "
         "memory has room for: a spot of {counted_mm:.2g} mm or more cannot "
-        "be missed by them, one of {smallest_mm:g} mm can.",
+        "be missed by them, one of {smallest_mm:g} mm can",
         points_mm_count=len(samples.points_mm),
         counted_mm=counted_mm,
         smallest_mm=smallest_mm,

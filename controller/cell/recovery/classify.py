@@ -359,7 +359,7 @@ def _evidence(left: Interrupted, world: World) -> tuple[str, ...]:
             name=left.intent.name.replace("_", " "),
             outcome=outcome,
         )
-    said = [
+    said: list[str] = [
         say(
             "journal: part {part} of run {run} was {value}{cut}",
             part=left.part,
@@ -368,7 +368,8 @@ def _evidence(left: Interrupted, world: World) -> tuple[str, ...]:
             cut=cut,
         )
     ]
-    said.append(say("arm: {positions}", positions=world.positions))
+    is_named = world.positions.startswith("arm: ")
+    said.append(world.positions if is_named else say("arm: {positions}", positions=world.positions))
     if world.arm_mm is not None:
         hold = left.arm_hold or left.expected_hold
         known = (

@@ -35,7 +35,7 @@ class World:
     Attributes
     ----------
     q : (6,) joints of the arm, None if its positions are unknown
-    positions : reason why they are known, or unknown
+    positions : reason why they are known, or unknown; an error of the arm names it
     arm_mm : opening of the arm gripper, None if unknown
     is_arm_pressing : its jaws have stalled and press
     fixed_mm : opening of the fixed gripper
@@ -128,7 +128,7 @@ async def read_world(devices: Devices, left: Interrupted) -> World:
         try:
             await devices.arm.take_over_positions(between)
         except PositionLostError as error:
-            positions = str(error).removeprefix("arm: ")
+            positions = str(error)
             with suppress(PositionLostError):
                 q_kept = await devices.arm.read_kept_q(between)
         else:

@@ -6,6 +6,7 @@ from datetime import datetime
 from pathlib import Path
 
 from controller.cell.journal import JOURNAL_NAME, JournalError, first_broken_row, read_rows
+from messages import say
 
 from ._fold import fold
 from .model import ResultsError, RunRecord, UnknownRunError
@@ -36,7 +37,7 @@ def whole_journal(runs_dir: Path) -> Path:
     try:
         broken = first_broken_row(path)
     except (JournalError, sqlite3.Error, ValueError) as error:
-        raise ResultsError(f"journal {path}: {error}") from error
+        raise ResultsError(say("journal {path}: {error}", path=path, error=error)) from error
     if broken is not None:
         raise ResultsError(
             f"journal {path}: the chain of hashes breaks at row {broken}; numbers that may "
@@ -68,7 +69,7 @@ def list_runs(runs_dir: Path) -> tuple[RunSummary, ...]:
         finally:
             db.close()
     except sqlite3.Error as error:
-        raise ResultsError(f"journal {path}: {error}") from error
+        raise ResultsError(say("journal {path}: {error}", path=path, error=error)) from error
     return tuple(RunSummary(run, datetime.fromisoformat(t), count) for run, _, t, count in rows)
 
 
@@ -91,7 +92,7 @@ def load_run(runs_dir: Path, run: str | None = None) -> RunRecord:
         rows = tuple(read_rows(path, run_id))
         broken = first_broken_row(path)
     except (JournalError, sqlite3.Error) as error:
-        raise ResultsError(f"journal {path}: {error}") from error
+        raise ResultsError(say("journal {path}: {error}", path=path, error=error)) from error
     except ValueError as error:
         raise ResultsError(f"journal {path}: a row of {run_id} is no JSON: {error}") from error
     return fold(run_id, runs_dir / run_id, rows, broken)

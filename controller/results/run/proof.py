@@ -22,6 +22,7 @@ from controller.cell.journal import (
     rows,
 )
 from controller.config.files import read_sha256
+from messages import say
 
 from ._stored import copies_in, stored_files
 from .copies import RunPictures
@@ -86,7 +87,7 @@ def prove_run(runs_dir: Path, run: str | None = None, head: str | None = None) -
         tampered = list(_broken(path))
         hashes = _hashes(path)
     except (JournalError, sqlite3.Error, ValueError) as error:
-        raise ResultsError(f"journal {path}: {error}") from error
+        raise ResultsError(say("journal {path}: {error}", path=path, error=error)) from error
     if head is not None and head not in (digest for _, digest in hashes):
         tampered.append(Tampering("journal", f"has no row with the hash {head:.80}"))
     stored = stored_files(found)

@@ -10,6 +10,7 @@ from typing import Any, Final
 from controller.cell.journal import JournalError, Row, read_row, read_rows_counted, rows
 from controller.cell.journal.usage import views_off_mm
 from controller.config.calibrations import MAX_OFF_MM
+from messages import say
 
 from ..run import ResultsError, whole_journal
 from .capability import Interval, ProcessCapability, capability
@@ -107,7 +108,7 @@ def series_of(runs_dir: Path, recipe: str) -> tuple[Series, ...]:
                 at = datetime.fromisoformat(row.t_utc)
                 _take(found, _agreement(posed), row.run, row.part or 0, at)
     except (JournalError, sqlite3.Error, ValueError) as error:
-        raise ResultsError(f"journal {path}: {error}") from error
+        raise ResultsError(say("journal {path}: {error}", path=path, error=error)) from error
     known_names = {*names.values(), *of_part.values()}
     if recipe not in known_names:
         known = ", ".join(sorted(known_names)) or "it has none"

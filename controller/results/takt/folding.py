@@ -10,6 +10,7 @@ from typing import Final
 
 from controller.cell.journal import JournalError, read_rows_of_kinds, records_elsewhere, rows
 from controller.cell.machine import Event
+from messages import say
 
 from ..run import LogEntry, ResultsError, RunRecord, entry_of, whole_journal
 from ._spans import Span, instants, spans
@@ -119,7 +120,7 @@ def takts_of(runs_dir: Path) -> Iterator[RunTakt]:
             if any(isinstance(entry.row, rows.RunBegan) for entry in log):
                 yield _fold(run_id, log, elsewhere)
     except (JournalError, sqlite3.Error, ValueError) as error:
-        raise ResultsError(f"journal {path}: {error}") from error
+        raise ResultsError(say("journal {path}: {error}", path=path, error=error)) from error
 
 
 def _fold(run_id: str, log: Sequence[LogEntry], elsewhere: Set[tuple[str, int | None]]) -> RunTakt:
