@@ -27,9 +27,13 @@ __all__ = ["chromium", "tab"]  # fixtures
 pytestmark = pytest.mark.skipif(not CHROMIUM.is_file(), reason="no Chromium at /usr/bin/chromium")
 DOCTOR = """
 import json
-print(json.dumps({"check": "arm", "ok": True, "found": "UMI <b>RTX</b> (real)", "remedy": ""}))
-print(json.dumps({"check": "io", "ok": False, "found": "no answer within 2 s",
-                  "remedy": "see the message; then run doctor again"}))
+from messages import say
+from messages.form import with_said
+found = say("{found} ({kind})", found="UMI <b>RTX</b>", kind="real")
+print(json.dumps(with_said({"check": "arm", "ok": True, "found": found, "remedy": ""})))
+found = say("no answer within {connect_timeout_wall_s:g} s", connect_timeout_wall_s=2)
+print(json.dumps(with_said({"check": "io", "ok": False, "found": found,
+                            "remedy": "see the message; then run doctor again"})))
 raise SystemExit(1)
 """
 

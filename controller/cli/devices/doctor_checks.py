@@ -254,8 +254,8 @@ async def _devices(
     timed = devices_with_time(cell)
 
     async def ask(name: str, asking: Callable[[], Awaitable[object]]) -> None:
-        kind = "real" if name in timed else "from files"
-        kind = "emulated" if name in cell.emulated_devices else kind
+        kind = key("real") if name in timed else key("from files")
+        kind = key("emulated") if name in cell.emulated_devices else kind
         try:
             found = await asking()
         except DeviceError as error:
