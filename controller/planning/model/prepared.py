@@ -61,7 +61,7 @@ class PlanOptions:
     # share of the surface that a view of usual length must add, and what takes longer so much more;
     # 0 shows all that can be
     least_gain: float = 0.0
-    face_share: float = 0.5  # share of each face that a PASS needs: a view is worth taking for it
+    face_share: float = 0.5  # share of each face and bore that a PASS needs
     # the overhead camera's pictures of the part where it lies are views, where they resolve enough
     table_views: bool = True
     # the first solution of the search is taken, with its gap

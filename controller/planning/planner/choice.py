@@ -34,6 +34,9 @@ MIN_ADDED = 150
 STREAM = 2  # stream of the draw: these points are not those that count coverage
 
 
+# Portion of the share that a PASS needs of a face or bore that is worth a view of its own: of what
+# is shown, some is not compared, and a plan that shows no more than is needed has no reserve.
+PORTION = 0.5
 # Area of the usual smallest defect, 3 mm across: no view is taken for less.
 SPOT_MM2 = 7.0
 
@@ -124,8 +127,8 @@ def into_wedges(
 def worth_of(points: SurfaceSamples, options: PlanOptions) -> FloatArray:
     """Return the worth of showing each point (n,), in views of usual length.
 
-    A view is worth taking for `PlanOptions.least_gain` of the surface, and for the share of a face
-    without which the part does not pass, however small the face.
+    A view is worth taking for `PlanOptions.least_gain` of the surface, and for a `PORTION` of the
+    share of a face without which the part does not pass, however small the face.
 
     Parameters
     ----------
@@ -135,7 +138,8 @@ def worth_of(points: SurfaceSamples, options: PlanOptions) -> FloatArray:
     face_mm2 = np.bincount(points.face_ids, points.areas_mm2)
     enough_mm2 = max(options.least_gain * float(points.areas_mm2.sum()), SPOT_MM2)
     return np.asarray(
-        points.areas_mm2 / np.minimum(enough_mm2, options.face_share * face_mm2)[points.face_ids]
+        points.areas_mm2
+        / np.minimum(enough_mm2, PORTION * options.face_share * face_mm2)[points.face_ids]
     )
 
 

@@ -18,7 +18,7 @@ from ..model import CellLayout, Grasp, HandOff, PreparedPart, lit_count
 from ..motion import move_seconds, segment_seconds
 from ..regrasps import PickPath, stands_steadily
 from ..search import GraspSequence, Problem
-from .choice import worth_of
+from .choice import PORTION, worth_of
 
 # Time lost by a failed grasp: the part is found, recognised and grasped again in about a minute.
 RECOVERY_S = 60.0
@@ -318,8 +318,8 @@ def _count_enough(part: PreparedPart, shown: BoolArray, is_open: BoolArray) -> i
 def _opening_worth(part: PreparedPart) -> FloatArray:
     """Return the worth of each element of a bore (e,), in views of usual length."""
     bores = part.openings.faces
-    needed = part.options.face_share * np.bincount(bores)
-    return np.asarray(1.0 / needed[bores])
+    enough = PORTION * part.options.face_share * np.bincount(bores)
+    return np.asarray(1.0 / enough[bores])
 
 
 def _squares(
