@@ -73,7 +73,8 @@ def test_the_controller_opens_nothing_but_its_files_and_its_devices(
     assert any(path.endswith("holder.stl") for path in opened), "the hook saw nothing"
 
     own = (
-        str(ROOT / "controller"), str(ROOT / "drivers"), str(ROOT / "recipes"), "recipes/",
+        *(str(ROOT / name) for name in ("controller", "drivers", "messages", "recipes")),
+        "recipes/",
         str(ROOT / "cellctl.egg-info"), str(tmp_path),
         *{sysconfig.get_paths()[key] for key in ("stdlib", "purelib", "platlib")},
         sys.prefix, sys.base_prefix, "/usr", "/etc", "/lib", "/proc/self", "/sys/devices/system",

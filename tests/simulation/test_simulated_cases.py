@@ -5,6 +5,7 @@ A seed that once failed is one line of `FOUND`.
 
 import random
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,8 @@ KILLED = (
 
 
 def test_a_part_goes_from_the_table_to_its_tray_in_about_the_time_forecast(tmp_path: Path) -> None:
-    ended = run_case(Case(1, PART), tmp_path / "cell")
+    # as the part rests here it is held as planned after the hand-off, too: one plan serves to the end
+    ended = run_case(Case(1, replace(PART, pose_index=1)), tmp_path / "cell")
     assert ended.ends == ["complete"]
     assert ended.truth["tray"] == "accept"
     assert ended.violations == []

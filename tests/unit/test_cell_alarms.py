@@ -19,7 +19,7 @@ from controller.cell.machine import PartFault
 from drivers.errors import ArmStalledError, ReplyTimeoutError
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = ("controller/cell", "controller/cli/running", "drivers")
+ROOMS = ("controller/bring_up", "controller/cell", "controller/cli/running", "drivers")
 # The roots of what stops or refuses something. Errors of parts have codes of their own.
 ROOTS = {"CellError", "DeviceError", "JournalError", "OSError"}
 OWN_CODE = {"PartProblemError", "PartFaultError", "PolicyAbortError"}

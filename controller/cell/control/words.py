@@ -7,6 +7,7 @@ import json
 from typing import Any, Final, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic_core import from_json
 
 from messages.fields import Sentence
 from messages.form import SAID, from_said, with_said
@@ -40,7 +41,7 @@ def reply_of(model: type[SomeReply], body: bytes) -> SomeReply:
     ------
     ValueError : it is not of this model
     """
-    return model.model_validate(from_said(json.loads(body)))
+    return model.model_validate(from_said(from_json(body)))
 
 
 class _Body(BaseModel):
