@@ -27,7 +27,7 @@ KILLED = (
 
 
 def test_a_part_goes_from_the_table_to_its_tray_in_about_the_time_forecast(tmp_path: Path) -> None:
-    # as the part rests here it is held as planned after the hand-off, too: one plan serves to the end
+    # as it rests here the part is held as planned after the hand-off, too: one plan serves
     ended = run_case(Case(1, replace(PART, pose_index=1)), tmp_path / "cell")
     assert ended.ends == ["complete"]
     assert ended.truth["tray"] == "accept"
