@@ -204,10 +204,10 @@ def judge(
     if not evaluated or verified_share < min_coverage:
         stops.append(
             say(
-                "{verified_share:.1f} % of what can be seen is verified, "
-                "{min_coverage:.1f} % is required",
-                verified_share=100 * verified_share,
-                min_coverage=100 * min_coverage,
+                "{verified_percent:.1f} % of what can be seen is verified, "
+                "{min_coverage_percent:.1f} % is required",
+                verified_percent=100 * verified_share,
+                min_coverage_percent=100 * min_coverage,
             )
         )
     missing = _not_made_good(samples, views, planned)
@@ -234,9 +234,9 @@ def judge(
         verdict = Verdict.PASS
         reasons.append(
             say(
-                "{compared_share:.1f} % of the surface compared in "
+                "{compared_percent:.1f} % of the surface compared in "
                 "{evaluated_count} views: {claim}",
-                compared_share=100 * compared_share,
+                compared_percent=100 * compared_share,
                 evaluated_count=len(evaluated),
                 claim=claim,
             )
@@ -255,11 +255,11 @@ def _too_little(short: Sequence[FaceVerdict]) -> list[str]:
     """Return what stops a PASS: faces compared too little, in sentences."""
     named = [
         say(
-            "{label}: {compared_fraction:.0f} % compared, {min_face_share:.0f} "
+            "{label}: {compared_percent:.0f} % compared, {min_face_percent:.0f} "
             "% is required; {reason}",
             label=f.label,
-            compared_fraction=100 * f.compared_fraction,
-            min_face_share=100 * MIN_FACE_SHARE,
+            compared_percent=100 * f.compared_fraction,
+            min_face_percent=100 * MIN_FACE_SHARE,
             reason=f.reason,
         )
         for f in short
@@ -310,7 +310,7 @@ def _cautions(
 
 def _percent(some: Sequence[FaceVerdict], faces: Sequence[FaceVerdict]) -> str:
     share = sum(f.area_mm2 for f in some) / sum(f.area_mm2 for f in faces)
-    return say("{share:.1f} %", share=100 * share)
+    return say("{percent:.1f} %", percent=100 * share)
 
 
 def _verified(
@@ -609,8 +609,8 @@ def _face(
         verdict = Verdict.PASS
         if rest:
             reason = say(
-                "{fraction:.0f} % of it not compared: {reason}",
-                fraction=100 * (1 - fraction),
+                "{percent:.0f} % of it not compared: {reason}",
+                percent=100 * (1 - fraction),
                 reason=reason,
             )
     elif recipe_reason:
@@ -619,8 +619,8 @@ def _face(
         verdict, is_by_edges = Verdict.PASS, True
         by_check = (*(one for one in by_check if one[0] != EDGES), (EDGES, edges.share))
         reason = say(
-            "surface not compared; {share:.0f} % {how} in place",
-            share=100 * edges.share,
+            "surface not compared; {percent:.0f} % {how} in place",
+            percent=100 * edges.share,
             how=edges.how,
         )
     elif face.area_mm2 < (limits.min_area_mm2 if face.concave else limits.defect_area_mm2):

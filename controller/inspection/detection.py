@@ -85,10 +85,10 @@ class Detection:
             else say(" (half of that: {half_mm:.1f} mm)", half_mm=self.half_mm)
         )
         return say(
-            "{words} of {size_mm:g} mm on {share:.0f} % of {of}{half}",
+            "{words} of {size_mm:g} mm on {percent:.0f} % of {of}{half}",
             words=WORDS[self.kind],
             size_mm=self.size_mm,
-            share=100 * self.share,
+            percent=100 * self.share,
             of=of,
             half=half,
         )

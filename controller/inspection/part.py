@@ -217,11 +217,11 @@ def _concluded(
         findings = (_identity(views), *findings)
         reasons = (
             say(
-                "another part: {name} explains {explained:.0f} % of the outlines, "
-                "this one {expected_explained:.0f} %",
+                "another part: {name} explains {explained_percent:.0f} % of the outlines, "
+                "this one {expected_explained_percent:.0f} %",
                 name=rival.name,
-                explained=100 * rival.explained,
-                expected_explained=100 * rival.expected_explained,
+                explained_percent=100 * rival.explained,
+                expected_explained_percent=100 * rival.expected_explained,
             ),
             *reasons,
         )

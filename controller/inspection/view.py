@@ -156,9 +156,9 @@ def outline_view(view: PicturedView) -> OutlinedView | NotEvaluated:
         return NotEvaluated(
             view,
             say(
-                "backlight contrast {high:.0f} grey levels, {min_contrast:.0f} are "
+                "backlight contrast {contrast:.0f} grey levels, {min_contrast:.0f} are "
                 "required: is the panel's lamp on?",
-                high=high - low,
+                contrast=high - low,
                 min_contrast=limits.min_contrast,
             ),
         )
@@ -167,8 +167,8 @@ def outline_view(view: PicturedView) -> OutlinedView | NotEvaluated:
         return NotEvaluated(
             view,
             say(
-                "{burnt:.0f} % of the panel are burnt out: its edges are not true",
-                burnt=100 * burnt,
+                "{burnt_percent:.0f} % of the panel are burnt out: its edges are not true",
+                burnt_percent=100 * burnt,
             ),
         )
     return OutlinedView(view, scene, backlit_outline(backlit, scene, levels))
@@ -472,10 +472,10 @@ def _pose_refusal(fit: PoseFit, shift: float, turn: float, limits: InspectionLim
     """Return the objection to a fitted pose, empty if there is none."""
     if fit.paired < limits.min_outline_share:
         return say(
-            "{paired:.0f} % of the part's outline found, "
-            "{min_outline_share:.0f} % is required: slipped, or another part",
-            paired=100 * fit.paired,
-            min_outline_share=100 * limits.min_outline_share,
+            "{paired_percent:.0f} % of the part's outline found, "
+            "{min_outline_percent:.0f} % is required: slipped, or another part",
+            paired_percent=100 * fit.paired,
+            min_outline_percent=100 * limits.min_outline_share,
         )
     if shift > limits.max_shift_mm or turn > limits.max_turn_rad:
         return say(

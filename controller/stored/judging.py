@@ -192,9 +192,9 @@ def read_pictures(
                 )
     if len(problems) > MAX_PROBLEM_COUNT:
         more = say(
-            "{set_path}: and {problems_count} more like these",
+            "{set_path}: and {more} more like these",
             set_path=set_path,
-            problems_count=len(problems) - MAX_PROBLEM_COUNT,
+            more=len(problems) - MAX_PROBLEM_COUNT,
         )
         problems = [*problems[:MAX_PROBLEM_COUNT], more]
     if problems:
@@ -244,14 +244,14 @@ def _by_learned(found: PartInspection, path: Path) -> str:
     ]
     without = [f"{view_id}/{check.name}" for view_id, check in checks if not check.learned_from]
     words = say(
-        "{sentence}: it decided on surfaces in {checks_count} of {checks_count2} lit pictures",
+        "{sentence}: it decided on surfaces in {decided} of {pictures} lit pictures",
         sentence=learned_for(path).sentence,
-        checks_count=len(checks) - len(without),
-        checks_count2=len(checks),
+        decided=len(checks) - len(without),
+        pictures=len(checks),
     )
     if without:
         more = (
-            say(" and {without_count} more", without_count=len(without) - MAX_NAMED)
+            say(" and {more} more", more=len(without) - MAX_NAMED)
             if len(without) > MAX_NAMED
             else ""
         )

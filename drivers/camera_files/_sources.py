@@ -59,12 +59,12 @@ class Size:
             raise NoPictureError(
                 say(
                     "{where}: {width} x {height} px; `size_px` of this camera is "
-                    "{width2} x {height2}",
+                    "{expected_width} x {expected_height}",
                     where=where,
                     width=width,
                     height=height,
-                    width2=self.width,
-                    height2=self.height,
+                    expected_width=self.width,
+                    expected_height=self.height,
                 )
             )
         depth = image.shape[2] if image.ndim == 3 else 1
@@ -82,10 +82,10 @@ class Size:
         if not (self.allows_16_bits if is_deep else self.allows_8_bits):
             raise NoPictureError(
                 say(
-                    "{where}: {n} bits a pixel, which `formats` of this camera does "
+                    "{where}: {bits} bits a pixel, which `formats` of this camera does "
                     "not allow; add {format} there",
                     where=where,
-                    n=16 if is_deep else 8,
+                    bits=16 if is_deep else 8,
                     format="Y16" if is_deep else "GREY",
                 )
             )
@@ -205,13 +205,13 @@ class Folder:
             if image.dtype != first.dtype:
                 raise NoPictureError(
                     say(
-                        "{name}: {path}: {itemsize} bits a pixel, and {itemsize2} in "
-                        "{name2}; one camera has one format",
+                        "{name}: {path}: {bits} bits a pixel, and {first_bits} in "
+                        "{first}; one camera has one format",
                         name=self._name,
                         path=path,
-                        itemsize=8 * image.itemsize,
-                        itemsize2=8 * first.itemsize,
-                        name2=self._files[0].name,
+                        bits=8 * image.itemsize,
+                        first_bits=8 * first.itemsize,
+                        first=self._files[0].name,
                     )
                 )
         return first
@@ -230,9 +230,9 @@ class Folder:
             if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_FILE_BYTES:
                 raise NoPictureError(
                     say(
-                        "{where}: is no plain file of at most {max_file_bytes} MiB",
+                        "{where}: is no plain file of at most {max_mib} MiB",
                         where=where,
-                        max_file_bytes=MAX_FILE_BYTES >> 20,
+                        max_mib=MAX_FILE_BYTES >> 20,
                     )
                 )
             data = path.read_bytes()

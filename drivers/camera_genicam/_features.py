@@ -108,10 +108,10 @@ class Features:
         known = [f"{ours[name]} ({name})" for name in offered if name in ours]
         raise WrongDeviceError(
             say(
-                "{name}: sends none of the pixel formats {name2}; it offers "
+                "{name}: sends none of the pixel formats {wanted}; it offers "
                 "{known}: correct `formats` of the camera in the cell file",
                 name=self._name,
-                name2=", ".join(w.name for w in wanted),
+                wanted=", ".join(w.name for w in wanted),
                 known=", ".join(known) or "no grey one that this driver reads",
             )
         )

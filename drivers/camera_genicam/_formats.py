@@ -85,11 +85,12 @@ def decode(data: bytes, height: int, width: int, padding: int, item_bytes: int) 
     if len(data) < stride * height - padding:
         raise BadReplyError(
             say(
-                "a picture of {width} x {height} px in {data_count} bytes, {stride} expected",
+                "a picture of {width} x {height} px in {byte_count} bytes, "
+                "{expected_count} expected",
                 width=width,
                 height=height,
-                data_count=len(data),
-                stride=stride * height,
+                byte_count=len(data),
+                expected_count=stride * height,
             )
         )
     rows = np.frombuffer(data.ljust(stride * height, b"\0"), np.uint8, stride * height)

@@ -153,20 +153,21 @@ class Session:
         if config.model and config.model != model:
             raise WrongDeviceError(
                 say(
-                    "{name}: its model is `{model}`, `{model2}` is expected; correct the cell file",
+                    "{name}: its model is `{model}`, `{expected}` is expected; "
+                    "correct the cell file",
                     name=self._name,
                     model=model,
-                    model2=config.model,
+                    expected=config.model,
                 )
             )
         if config.serial and config.serial != serial:
             raise WrongDeviceError(
                 say(
-                    "{name}: its serial number is `{serial}`, `{serial2}` is expected; "
+                    "{name}: its serial number is `{serial}`, `{expected}` is expected; "
                     "correct the cell file",
                     name=self._name,
                     serial=serial,
-                    serial2=config.serial,
+                    expected=config.serial,
                 )
             )
 
@@ -381,15 +382,15 @@ class Session:
             raise BadReplyError(
                 say(
                     "{name}: a frame of {width} x {height} px with pixel format "
-                    "0x{pixel_format:08X}, {width2} x {height2} px with 0x{number:08X} "
-                    "expected; has another program set it?",
+                    "0x{pixel_format:08X}, {expected_width} x {expected_height} px "
+                    "with 0x{expected_format:08X} expected; has another program set it?",
                     name=self._name,
                     width=got.width,
                     height=got.height,
                     pixel_format=got.pixel_format,
-                    width2=config.width,
-                    height2=config.height,
-                    number=wanted.number,
+                    expected_width=config.width,
+                    expected_height=config.height,
+                    expected_format=wanted.number,
                 )
             )
         image = decode(got.data, got.height, got.width, got.padding, wanted.item_bytes)

@@ -230,10 +230,10 @@ class Gripper:
             raise StalledError(
                 say(
                     "{name}: the jaws met an obstacle at {opening_mm:.1f} mm while "
-                    "moving to {opening_mm2:.1f} mm; see what is between or beside them",
+                    "moving to {target_mm:.1f} mm; see what is between or beside them",
                     name=self.name,
                     opening_mm=status.opening_mm,
-                    opening_mm2=opening_mm,
+                    target_mm=opening_mm,
                 )
             )
         return status

@@ -164,11 +164,11 @@ class RgGripper:
             raise WrongDeviceError(
                 say(
                     "{unit}: expected an {model}, product {product:02X}, found product "
-                    "{product2:02X}; check `settings: {{model}}` and `unit`",
+                    "{found:02X}; check `settings: {{model}}` and `unit`",
                     unit=self._unit,
                     model=self.model,
                     product=self._model.product,
-                    product2=product[0],
+                    found=product[0],
                 )
             )
         self.firmware = f"{product[4] >> 8}.{product[4] & 0xFF} build {product[5]}"
@@ -256,9 +256,9 @@ class RgGripper:
             raise StalledError(
                 say(
                     "gripper: the jaws ended at {opening_mm:.1f} mm on their way to "
-                    "{opening_mm2:.1f} mm; see what is between or beside them",
+                    "{target_mm:.1f} mm; see what is between or beside them",
                     opening_mm=reading.opening_mm,
-                    opening_mm2=opening_mm,
+                    target_mm=opening_mm,
                 )
             )
         return reading

@@ -190,10 +190,10 @@ class CellIo:
         if self.config.model.lower() not in model.lower():
             raise WrongDeviceError(
                 say(
-                    "{unit}: expected a Moxa {model}, found {model2}; {advice}",
+                    "{unit}: expected a Moxa {model}, found {found}; {advice}",
                     unit=self._unit,
                     model=self.config.model,
-                    model2=repr(model),
+                    found=repr(model),
                     advice=advice,
                 )
             )
@@ -238,7 +238,7 @@ class CellIo:
                 if change.name == name and change.signal is signal:
                     return
         raise DeviceError(
-            say("{name}: closed while waiting for {name2}", name=self.name, name2=name)
+            say("{name}: closed while waiting for {signal}", name=self.name, signal=name)
         )
 
     # --- relays ---
@@ -359,16 +359,16 @@ class CellIo:
         if not await self.fall_silent():
             raise WatchdogOffError(
                 say(
-                    "{unit}: its watchdog has not tripped within {watchdog_s:.1f} s of "
+                    "{unit}: its watchdog has not tripped within {silent_s:.1f} s of "
                     "silence, so a computer that freezes would leave its outputs as "
                     "they are, the arm with its supply and the PLC with old signals; "
-                    "set the host connection watchdog to {watchdog_s2:g} s in the "
+                    "set the host connection watchdog to {watchdog_s:g} s in the "
                     "block's web console, all outputs safe when open, and let nothing "
                     "else poll the block; or leave `motor_relay` and `outputs` out of "
                     "the cell file",
                     unit=self._unit,
-                    watchdog_s=watchdog_s + TRIP_SLACK_S,
-                    watchdog_s2=watchdog_s,
+                    silent_s=watchdog_s + TRIP_SLACK_S,
+                    watchdog_s=watchdog_s,
                 )
             )
         still_on = [name for name, is_on in (await self.read_outputs()).items() if is_on]

@@ -453,11 +453,10 @@ class ModbusLink:
         if now_s < self._next_try_at_s:
             raise LinkError(
                 say(
-                    "{address}: not connected ({reason}), next try in "
-                    "{next_try_at_s:.1f} s; {check}",
+                    "{address}: not connected ({reason}), next try in {wait_s:.1f} s; {check}",
                     address=self.address,
                     reason=self._reason,
-                    next_try_at_s=self._next_try_at_s - now_s,
+                    wait_s=self._next_try_at_s - now_s,
                     check=self.address.check,
                 )
             )

@@ -49,9 +49,9 @@ def _seen_on_tcp(sent: bytes, received: bytes) -> tuple[str, str]:
     if numbers[0] != numbers[1]:
         return (
             say(
-                "an answer with transaction number {numbers} instead of {numbers2} came",
-                numbers=numbers[1],
-                numbers2=numbers[0],
+                "an answer with transaction number {number} instead of {expected} came",
+                number=numbers[1],
+                expected=numbers[0],
             ),
             say("the gateway{ids}", ids=ids),
         )

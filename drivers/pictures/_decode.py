@@ -49,10 +49,10 @@ def decode(data: bytes, pixels: Pixels) -> NDArray[Any]:
     if width * height > MAX_PIXELS:
         raise BrokenPictureError(
             say(
-                "{width} x {height} px; a camera's picture has at most {max_pixels:.0f} million",
+                "{width} x {height} px; a camera's picture has at most {millions:.0f} million",
                 width=width,
                 height=height,
-                max_pixels=MAX_PIXELS / 1e6,
+                millions=MAX_PIXELS / 1e6,
             )
         )
     if data.startswith(JPEG_BEGIN):

@@ -250,10 +250,10 @@ class UrArm:
             if opening_mm is not None and jaws.opening_mm > opening_mm + JAWS_MM:
                 raise PositionLostError(
                     say(
-                        "arm: its jaws stand at {opening_mm:.1f} mm, {opening_mm2:.1f} mm "
+                        "arm: its jaws stand at {opening_mm:.1f} mm, {pressed_mm:.1f} mm "
                         "when they pressed: somebody moved them",
                         opening_mm=jaws.opening_mm,
-                        opening_mm2=opening_mm,
+                        pressed_mm=opening_mm,
                     )
                 )
             return (await self._jaws.close(self._jaws.force_range_n[0], 1.0)).opening_mm

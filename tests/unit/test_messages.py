@@ -50,13 +50,13 @@ FOREIGN = sorted(set(LANGUAGES) - {"en"})
 ENGLISH = re.compile(
     r"\b(the|of|is|are|not|with|to|and|from|its|or|by|which|no|at|it|be|than|plane|bore)\b"
 )
-FACE = "{label}: {compared_fraction:.0f} % compared, {min_face_share:.0f} % is required; {reason}"
+FACE = "{label}: {compared_percent:.0f} % compared, {min_face_percent:.0f} % is required; {reason}"
 
 
 def face() -> Message:
     kind = say("F{id} {kind}", id=11, kind="plane")
     reason = "too near to an edge for the smallest defect to show whole"
-    return say(FACE, label=kind, compared_fraction=44.6, min_face_share=50.0, reason=reason)
+    return say(FACE, label=kind, compared_percent=44.6, min_face_percent=50.0, reason=reason)
 
 
 def test_a_sentence_is_its_english() -> None:

@@ -103,7 +103,7 @@ def _step(
         record,
         tuple((figure, allowed(figure)) for figure in record.figures),
         tuple(_shown(place, picture) for picture in record.pictures),
-        say("{utc} to {utc2}", utc=utc(record.began), utc2=utc(record.ended)),
+        say("{began} to {ended}", began=utc(record.began), ended=utc(record.ended)),
     )
 
 

@@ -384,11 +384,11 @@ async def _require_there(bench: Bench, goal: FloatArray, what: str) -> None:
     if off.max() > 1:
         raise StepFailedError(
             say(
-                "{what}: joint {argmax} is {max:.1f} times the allowed distance "
+                "{what}: joint {number} is {times:.1f} times the allowed distance "
                 "from its target; check its motor's scale and sign",
                 what=what,
-                argmax=int(off.argmax()) + 1,
-                max=off.max(),
+                number=int(off.argmax()) + 1,
+                times=off.max(),
             )
         )
 

@@ -75,13 +75,13 @@ class OpeningFit:
         if abs(wide_mm) < 1.0:
             raise StepFailedError(
                 say(
-                    "gauges of {thickness_mm:g} and {thickness_mm2:g} mm read "
-                    "{reading_mm:.1f} and {reading_mm2:.1f} mm: two gauges of "
+                    "gauges of {thickness_mm:g} and {other_mm:g} mm read "
+                    "{reading_mm:.1f} and {other_reading_mm:.1f} mm: two gauges of "
                     "different thickness are required",
                     thickness_mm=thickness_mm[0],
-                    thickness_mm2=thickness_mm[1],
+                    other_mm=thickness_mm[1],
                     reading_mm=reading_mm[0],
-                    reading_mm2=reading_mm[1],
+                    other_reading_mm=reading_mm[1],
                 )
             )
         scale = (thickness_mm[1] - thickness_mm[0]) / wide_mm

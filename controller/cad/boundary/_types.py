@@ -85,14 +85,14 @@ class Face:
             case "cylinder":
                 name = "bore" if self.concave else "boss"
                 return say(
-                    "F{id} {name} {radius_mm:.1f} mm",
+                    "F{id} {name} {diameter_mm:.1f} mm",
                     id=self.id,
                     name=name,
-                    radius_mm=2 * self.radius_mm,
+                    diameter_mm=2 * self.radius_mm,
                 )
             case "sphere":
                 return say(
-                    "F{id} sphere {radius_mm:.1f} mm", id=self.id, radius_mm=2 * self.radius_mm
+                    "F{id} sphere {diameter_mm:.1f} mm", id=self.id, diameter_mm=2 * self.radius_mm
                 )
             case _:
                 return say("F{id} {kind}", id=self.id, kind=self.kind)

@@ -219,9 +219,7 @@ def _few(poses: Sequence[int]) -> str:
     ids = [str(pose) for pose in sorted(poses)]
     if len(ids) <= MAX_NAMED + 1:  # "and 1 more" is no shorter
         return ", ".join(ids)
-    return say(
-        "{ids} and {ids_count} more", ids=", ".join(ids[:MAX_NAMED]), ids_count=len(ids) - MAX_NAMED
-    )
+    return say("{ids} and {more} more", ids=", ".join(ids[:MAX_NAMED]), more=len(ids) - MAX_NAMED)
 
 
 def compile_part(

@@ -112,9 +112,9 @@ class Feature:
                 return say("chamfer {width_mm:.1f} mm wide", width_mm=self.width_mm)
             case "fillet":
                 return say(
-                    "{word} R{diameter_mm:.1f} mm",
+                    "{word} R{radius_mm:.1f} mm",
                     word="fillet" if self.is_concave else "round",
-                    diameter_mm=self.diameter_mm / 2,
+                    radius_mm=self.diameter_mm / 2,
                 )
 
 

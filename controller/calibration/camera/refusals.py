@@ -91,12 +91,12 @@ def check_views(
         u, v = np.vstack([view.board.pixels for view in views]).mean(axis=0) / size_px
         raise CalibrationError(
             say(
-                "the boards cover {coverage:.0f} % of the picture, {where}; "
-                "{coverage_min:.0f} % are needed, since the lens is a guess "
+                "the boards cover {coverage_percent:.0f} % of the picture, {where}; "
+                "{coverage_min_percent:.0f} % are needed, since the lens is a guess "
                 "elsewhere; put boards into the empty areas",
-                coverage=100 * coverage,
+                coverage_percent=100 * coverage,
                 where=_where(u, v),
-                coverage_min=100 * limits.coverage_min,
+                coverage_min_percent=100 * limits.coverage_min,
             )
         )
 
@@ -222,10 +222,10 @@ def check_uncertainty(calibration: CalibratedCamera, limits: CalibrationLimits) 
         raise CalibrationError(
             say(
                 "focal length and height over the table cannot be told apart "
-                "(focal length known to {relative:.1f} %, the limit is "
-                "{focal_std_max:.0f} %); {tilt_more}",
-                relative=100 * relative,
-                focal_std_max=100 * limits.focal_std_max,
+                "(focal length known to {relative_percent:.1f} %, the limit is "
+                "{focal_std_max_percent:.0f} %); {tilt_more}",
+                relative_percent=100 * relative,
+                focal_std_max_percent=100 * limits.focal_std_max,
                 tilt_more=_TILT_MORE,
             )
         )

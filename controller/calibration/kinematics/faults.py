@@ -162,17 +162,17 @@ def board_again(
             name,
             say(
                 "the camera {name} was moved while pictures were taken: it sees "
-                "the board at its mark {moved_mm:.1f} mm and {turned:.2f} deg from "
-                "where it saw it first, and {grown:+.2f} % larger ({moved_mm2:g} "
-                "mm, {moved_rad:.1f} deg, {again_scale:g} % are allowed). Screw it "
+                "the board at its mark {moved_mm:.1f} mm and {turned_deg:.2f} deg from "
+                "where it saw it first, and {grown_percent:+.2f} % larger ({allowed_mm:g} "
+                "mm, {allowed_deg:.1f} deg, {allowed_percent:g} % are allowed). Screw it "
                 "tight, see that the board lies at its pins, repeat the step",
                 name=name,
                 moved_mm=moved_mm,
-                turned=degrees(turned),
-                grown=100 * grown,
-                moved_mm2=limits.moved_mm,
-                moved_rad=degrees(limits.moved_rad),
-                again_scale=100 * limits.again_scale,
+                turned_deg=degrees(turned),
+                grown_percent=100 * grown,
+                allowed_mm=limits.moved_mm,
+                allowed_deg=degrees(limits.moved_rad),
+                allowed_percent=100 * limits.again_scale,
             ),
         )
     return BoardAgain(moved_mm, turned, grown, fault)
@@ -407,12 +407,12 @@ def _odd_pictures(fit: CellFit, limits: FaultLimits) -> tuple[KinematicsFault, .
             "picture",
             one.name,
             say(
-                "{name} shows the board {off_sigma:.0f} times as far from where "
-                "the cell has it as others do, {picture_ratio:g} times are "
+                "{name} shows the board {times:.0f} times as far from where "
+                "the cell has it as others do, {allowed:g} times are "
                 "allowed; take it again",
                 name=one.name,
-                off_sigma=one.off_sigma / usual,
-                picture_ratio=limits.picture_ratio,
+                times=one.off_sigma / usual,
+                allowed=limits.picture_ratio,
             ),
         )
         for one in held

@@ -290,10 +290,10 @@ def _question(proposal: Proposal) -> Question:
         code="part_left",
         text=(
             say(
-                "Run {run} has left a part. Evidence:\n{listed}\nThe cell would:\n{listed2}",
+                "Run {run} has left a part. Evidence:\n{evidence}\nThe cell would:\n{steps}",
                 run=proposal.left.run,
-                listed=listed(proposal.evidence),
-                listed2=listed(proposal.steps),
+                evidence=listed(proposal.evidence),
+                steps=listed(proposal.steps),
             )
             + (say("\n{look}", look=proposal.look) if proposal.look else "")
         ),

@@ -132,9 +132,9 @@ class RunningCell:
         if holder is None:
             raise NoRunError(
                 say(
-                    "no run at this cell: nobody holds {runs_dir}. Start one with "
+                    "no run at this cell: nobody holds {lock_file}. Start one with "
                     "`cellctl run`, or name its folder with --runs",
-                    runs_dir=self._runs_dir / LOCK_NAME,
+                    lock_file=self._runs_dir / LOCK_NAME,
                 )
             )
         if not holder.control:

@@ -148,7 +148,8 @@ def open_noted_journal(
         lost=lost,
     )
     return CellJournal(
-        opened.journal, say("{notice} {notice2}", notice=opened.notice, notice2=notice).strip()
+        opened.journal,
+        say("{of_journal} {of_copy}", of_journal=opened.notice, of_copy=notice).strip(),
     )
 
 

@@ -161,9 +161,9 @@ def _flaw_at_the_end(
         return "its head is missing" if version and _has_secured(path) else None
     if head.seq > last.seq:
         return say(
-            "it ends with row {seq}, its head names row {seq2}: rows were cut off",
-            seq=last.seq,
-            seq2=head.seq,
+            "it ends with row {last_seq}, its head names row {head_seq}: rows were cut off",
+            last_seq=last.seq,
+            head_seq=head.seq,
         )
     (found,) = db.execute("SELECT hash FROM journal WHERE seq = ?", (head.seq,)).fetchone()
     return (

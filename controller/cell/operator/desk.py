@@ -82,9 +82,9 @@ class Desk:
         raised, answered = self._open
         if number not in (None, raised.number):
             return say(
-                "question {number} is not open any more; question {number2} is",
+                "question {number} is not open any more; question {open_number} is",
                 number=number,
-                number2=raised.number,
+                open_number=raised.number,
             )
         keys = [choice.key for choice in raised.question.choices]
         if answer.key not in keys and raised.question.entry:

@@ -267,12 +267,12 @@ def _preview(q: FloatArray, way: Leaving, layout: CellLayout) -> str:
     shift_mm = T_then[:3, 3] - T_now[:3, 3]
     turn_deg = float(np.degrees(rotation_angle(T_now[:3, :3].T @ T_then[:3, :3])))
     return say(
-        "first the TCP from {point} to {point2} mm, {norm:.0f} mm and "
+        "first the TCP from {begin} to {end} mm, {distance_mm:.0f} mm and "
         "{turn_deg:.0f} degrees, about {seconds:.0f} s at "
         "{first_speed:.0%} of the usual speed",
-        point=_point(T_now),
-        point2=_point(T_then),
-        norm=float(np.linalg.norm(shift_mm)),
+        begin=_point(T_now),
+        end=_point(T_then),
+        distance_mm=float(np.linalg.norm(shift_mm)),
         turn_deg=turn_deg,
         seconds=seconds,
         first_speed=FIRST_SPEED,

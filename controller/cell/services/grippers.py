@@ -248,9 +248,9 @@ class Grippers:
         source = GRASP + hold.grasp.id
         message = say(
             "the part is gone from the arm gripper: jaws at {opening_mm:.1f} "
-            "mm, {opening_mm2:.1f} mm while it was held",
+            "mm, {held_mm:.1f} mm while it was held",
             opening_mm=opening_mm,
-            opening_mm2=hold.opening_mm,
+            held_mm=hold.opening_mm,
         )
         if self._record.part.custody is Custody.IN_BOTH:
             await self._record.set_custody(

@@ -62,11 +62,11 @@ class Leases:
         if wanted and mine and wanted[0].place < max(one.place for one in mine):
             raise LeaseError(
                 say(
-                    "{by} requests the {value} after it took the {value2}: two such "
+                    "{by} requests the {wanted} after it took the {held}: two such "
                     "requests would wait for each other",
                     by=by,
-                    value=wanted[0].value,
-                    value2=mine[-1].value,
+                    wanted=wanted[0].value,
+                    held=mine[-1].value,
                 )
             )
         taken: list[Resource] = []

@@ -183,9 +183,9 @@ def _by_faces(
         raise AskedError(
             index,
             say(
-                "no face F{wrong} on the part, which has F0 to F{count}",
+                "no face F{wrong} on the part, which has F0 to F{last}",
                 wrong=wrong[0],
-                count=count - 1,
+                last=count - 1,
             ),
         )
     wanted = set(asked.faces)

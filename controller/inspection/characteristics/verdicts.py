@@ -95,7 +95,7 @@ def with_capability(
     for one in characteristics:
         found = capability_of(one, station, accuracy)
         if one.is_general and not one.exempt and not found.is_capable:
-            promise = say("the cell promises U = {u_mm:.0f} um", u_mm=found.U_mm * UM_PER_MM)
+            promise = say("the cell promises U = {u_um:.0f} um", u_um=found.U_mm * UM_PER_MM)
             if (
                 found.share > 1.0 and not one.is_depth
             ):  # even a value within its limits would prove nothing

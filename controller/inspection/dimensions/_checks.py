@@ -119,13 +119,17 @@ def failure_of(
         # Where light hides the rest, the same share of the visible rays is required.
         if share < settings.min_share * (shown if shown < settings.min_share else 1.0):
             return say(
-                "{share:.0f} % of its edge lies on the fitted shape, {min_share:.0f} % is required",
-                share=100 * share,
-                min_share=100 * settings.min_share,
+                "{percent:.0f} % of its edge lies on the fitted shape, "
+                "{min_percent:.0f} % is required",
+                percent=100 * share,
+                min_percent=100 * settings.min_share,
             )
     burnt = float(found.burnt[used].mean())
     if burnt > settings.max_burnt:
-        return say("{burnt:.0f} % of the pixels beside its edge are burnt out", burnt=100 * burnt)
+        return say(
+            "{burnt_percent:.0f} % of the pixels beside its edge are burnt out",
+            burnt_percent=100 * burnt,
+        )
     low, high = settings.width_px
     if not low <= width <= high:
         return say(

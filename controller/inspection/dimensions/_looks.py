@@ -244,9 +244,9 @@ def estimate(
         angle = np.degrees(np.arccos(min(abs(float(towards @ _facing(characteristic))), 1.0)))
         unit = "rad" if characteristic.kind is CharacteristicKind.ANGLE else "mm"
         reason = say(
-            "U would be {u:.3f} {unit} at {angle:.0f} degrees of incidence, "
+            "U would be {U:.3f} {unit} at {angle:.0f} degrees of incidence, "
             "its tolerance is {tolerance_mm:.3f} {unit} wide",
-            u=2.0 * u,
+            U=2.0 * u,
             unit=unit,
             angle=angle,
             tolerance_mm=characteristic.tolerance_mm,

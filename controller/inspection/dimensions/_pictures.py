@@ -359,9 +359,9 @@ def _fit(
     share = min(float(good[level == one].mean()) for one in range(feature.level_count))
     if share < settings.min_share:
         little = say(
-            "{share:.0f} % of its edge found where it must show, {min_share:.0f} % is required",
-            share=100 * share,
-            min_share=100 * settings.min_share,
+            "{percent:.0f} % of its edge found where it must show, {min_percent:.0f} % is required",
+            percent=100 * share,
+            min_percent=100 * settings.min_share,
         )
         # Before a panel an edge is lit wherever it is.
         least = np.inf if picture.is_backlit else settings.min_part

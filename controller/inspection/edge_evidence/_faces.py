@@ -161,7 +161,9 @@ def prove_faces(
             # A wall with one plain mouth is proven by it, one from end to end by both.
             share = min(light) if recess is not None else max(light)
             how = key("of its rims, by the light through it,") if share > GREATER_PART else ""
-            why = say("light through it is shown at {share:.0f} % of its rims", share=100 * share)
+            why = say(
+                "light through it is shown at {percent:.0f} % of its rims", percent=100 * share
+            )
             round_ = _beside_light(edges, looks, rims, held, face) if recess is not None else 0.0
             if not how and round_ >= ALL_ROUND:
                 share, how = (
@@ -175,8 +177,8 @@ def prove_faces(
             # A rim in place does not prove the depth of a hole: walls of bores are excluded here.
             told = _told(edges, looks, own, side, smallest_mm)
             why = say(
-                "{told:.0f} % of its edges shown in place where a defect would move them",
-                told=100 * told,
+                "{told_percent:.0f} % of its edges shown in place where a defect would move them",
+                told_percent=100 * told,
             )
             if told > GREATER_PART:
                 share, how = told, OF_ITS_EDGES
@@ -425,7 +427,7 @@ def _blind(
     if floor.is_doubted:
         return share, "", DISPUTED
     if share <= GREATER_PART:
-        return share, "", say("{share:.0f} % of its rim shown in place", share=100 * share)
+        return share, "", say("{percent:.0f} % of its rim shown in place", percent=100 * share)
     if np.isfinite(bound_mm):
         return (
             share,

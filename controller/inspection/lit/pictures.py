@@ -399,12 +399,12 @@ class LitPictures:
             error = _error(mine.observed[used], by_other.predicted[used])
             if error < OTHER_LAMP * own:
                 return say(
-                    "it looks as lit by {name}, {error:.1f} % off in the mean, not by "
-                    "{name2}, {own:.1f} %: were the lamps swapped?",
+                    "it looks as lit by {name}, {error_percent:.1f} % off in the mean, not by "
+                    "{own_name}, {own_percent:.1f} %: were the lamps swapped?",
                     name=lamp.name,
-                    error=100 * error,
-                    name2=mine.name,
-                    own=100 * own,
+                    error_percent=100 * error,
+                    own_name=mine.name,
+                    own_percent=100 * own,
                 )
         return ""
 
@@ -421,11 +421,11 @@ class LitPictures:
             return key("it gives no light: is the lamp on?")
         if brightness.typical > WORST_TYPICAL:
             return say(
-                "brightness scatters by {typical:.0f} % about the prediction, "
-                "{worst_typical:.0f} % is allowed: not this lamp, or not this "
+                "brightness scatters by {typical_percent:.0f} % about the prediction, "
+                "{worst_typical_percent:.0f} % is allowed: not this lamp, or not this "
                 "finish",
-                typical=100 * brightness.typical,
-                worst_typical=100 * WORST_TYPICAL,
+                typical_percent=100 * brightness.typical,
+                worst_typical_percent=100 * WORST_TYPICAL,
             )
         return ""
 
@@ -627,9 +627,9 @@ def _refusal(
     if growth_px - lens_px > limits.max_edge_growth_px:
         return say(
             "its edges are {growth_px:.1f} px wider than they should be, "
-            "{lens_px:.1f} px is allowed: out of focus, or moved",
+            "{allowed_px:.1f} px is allowed: out of focus, or moved",
             growth_px=growth_px,
-            lens_px=lens_px + limits.max_edge_growth_px,
+            allowed_px=lens_px + limits.max_edge_growth_px,
         )
     return ""
 

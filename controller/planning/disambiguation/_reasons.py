@@ -43,11 +43,11 @@ def why_alike(
     most = max(float(d.max()) for d in apart)
     if most <= SAME_MM:
         return say(
-            "{name} and {name2} are the same shape in the same pose, to "
+            "{name} and {other} are the same shape in the same pose, to "
             "{most:.2f} mm: no picture distinguishes them, and nothing depends "
             "on it",
             name=a.name,
-            name2=b.name,
+            other=b.name,
             most=most,
         )
     differs = [d > max(SAME_MM, 0.5 * most) for d in apart]

@@ -128,14 +128,14 @@ def _refusal(problem: GraspProblem, jaw: Jaw, holder: Holder, stages: Sequence[F
             "{name}, grasp strength: {mass_kg:.2f} kg between pads of "
             "{force_n:.0f} N and friction {friction:g} use {best:.2f} of the "
             "friction limit at best, {limit:g} is allowed; press with "
-            "{force_n2} N or more, or fit pads with more friction; {summary}",
+            "{needed_n} N or more, or fit pads with more friction; {summary}",
             name=name,
             mass_kg=mass_kg,
             force_n=jaw.force_n,
             friction=rules.friction,
             best=last.best,
             limit=last.limit,
-            force_n2=force_n,
+            needed_n=force_n,
             summary=summary,
         )
     if need > have:

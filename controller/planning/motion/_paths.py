@@ -73,11 +73,11 @@ def connect(
     if found is None:
         raise NoMotionError(
             say(
-                "{what}: no path free of contact found from {describe} to "
-                "{describe2}; clear the space between or move the part",
+                "{what}: no path free of contact found from {begin} to "
+                "{end}; clear the space between or move the part",
                 what=what,
-                describe=arm.describe(q_from),
-                describe2=arm.describe(q_to),
+                begin=arm.describe(q_from),
+                end=arm.describe(q_to),
             )
         )
     return tuple(found[1:])

@@ -389,13 +389,13 @@ class Builder:
             x, y = tray.nest.size_mm
             return OutOfReachError(
                 say(
-                    "{name}: grasp {id} cannot set it down flat in nest {next_nest} of "
-                    "tray {name2}, which has room for {x:.0f} x {y:.0f} mm, clear of "
+                    "{name}: grasp {id} cannot set it down flat in nest {nest} of "
+                    "tray {tray}, which has room for {x:.0f} x {y:.0f} mm, clear of "
                     "what stands in the tray; make its nests larger or fewer",
                     name=self._part.solid.name,
                     id=self._part.arm_grasps[g].id,
-                    next_nest=tray.next_nest + 1,
-                    name2=name,
+                    nest=tray.next_nest + 1,
+                    tray=name,
                     x=x,
                     y=y,
                 ),
@@ -405,12 +405,12 @@ class Builder:
             )
         return OutOfReachError(
             say(
-                "{name}: grasp {id} cannot release it anywhere over tray {name2}, "
+                "{name}: grasp {id} cannot release it anywhere over tray {tray}, "
                 "{away:.0f} mm from the arm's axis (the wrist reaches {limit:.0f} "
                 "mm, the gripper {tool_mm:.0f} mm more); move the tray",
                 name=self._part.solid.name,
                 id=self._part.arm_grasps[g].id,
-                name2=name,
+                tray=name,
                 away=away,
                 limit=limit,
                 tool_mm=arm.tool_mm,

@@ -250,9 +250,9 @@ def why_not(decision: Decision, library: Library) -> str:
         )
     return say(
         "none of the known parts: nearest is {name}, of whose edges "
-        "{outline:.0f} % are in the picture and which explains "
-        "{explained:.0f} % of what is seen",
+        "{outline_percent:.0f} % are in the picture and which explains "
+        "{explained_percent:.0f} % of what is seen",
         name=name,
-        outline=100 * h.evidence.outline,
-        explained=100 * h.evidence.explained,
+        outline_percent=100 * h.evidence.outline,
+        explained_percent=100 * h.evidence.explained,
     )

@@ -114,7 +114,7 @@ def decode(data: bytes, pixel_format: PixFormat) -> Image:
     shape = (pixel_format.height, pixel_format.width)
     if image.shape != shape:
         raise BrokenPictureError(
-            say("a JPEG of {shape} x {shape2} px", shape=image.shape[1], shape2=image.shape[0])
+            say("a JPEG of {width} x {height} px", width=image.shape[1], height=image.shape[0])
         )
     image.flags.writeable = False
     return image

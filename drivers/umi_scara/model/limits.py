@@ -148,9 +148,9 @@ def worst_violation(
         asked,
         bound,
         say(
-            ", passed by {excess:.2f} {unit} ({bound:.1f} {unit} is the end)",
+            ", passed by {excess:.2f} {unit} ({end:.1f} {unit} is the end)",
             excess=excess,
             unit=limit.unit,
-            bound=bound / limit.counts_per_unit,
+            end=bound / limit.counts_per_unit,
         ),
     )

@@ -253,9 +253,9 @@ class Axes:
             if await self._differs(axis, parameter, value):
                 await self.halt_uncertain(
                     say(
-                        "{name} of {name2} does not take {value}",
+                        "{name} of {axis} does not take {value}",
                         name=parameter.name,
-                        name2=axis.name.lower(),
+                        axis=axis.name.lower(),
                         value=value,
                     )
                 )
@@ -405,9 +405,9 @@ class Axes:
             before = now
         raise BadReplyError(
             say(
-                "arm: {name} of {name2} reads differently",
+                "arm: {name} of {axis} reads differently",
                 name=parameter.name,
-                name2=axis.name.lower(),
+                axis=axis.name.lower(),
             )
         )
 

@@ -130,9 +130,9 @@ class KeepingHoming:
             if abs(before - origin) > JAWS_SLACK_COUNTS:
                 raise PositionLostError(
                     say(
-                        "arm: its jaws were moved by {before} counts while their opening "
+                        "arm: its jaws were moved by {count} counts while their opening "
                         "was not known; take out what they hold",
-                        before=before - origin,
+                        count=before - origin,
                     )
                 )
         await self._stops.write(gripper, Parameter.SPEED, _SPEED)

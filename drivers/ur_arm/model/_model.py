@@ -229,10 +229,10 @@ class UrModel:
         if passed[worst] <= 0.0:
             return key("within limits")
         return say(
-            "{joints} passed by {degrees:.1f} deg ({degrees2:.0f} deg is the end)",
-            joints=kinematics.JOINTS[worst],
-            degrees=np.degrees(passed[worst]),
-            degrees2=np.degrees(LIMITS_RAD[worst]),
+            "{joint} passed by {passed_deg:.1f} deg ({end_deg:.0f} deg is the end)",
+            joint=kinematics.JOINTS[worst],
+            passed_deg=np.degrees(passed[worst]),
+            end_deg=np.degrees(LIMITS_RAD[worst]),
         )
 
     def spread(self, unit: Floats) -> Floats:

@@ -147,7 +147,8 @@ class InspectAction:
             raise PartFaultError(
                 PartFault.SEEN_TOO_LITTLE,
                 say(
-                    "{missing:.1f} % of the planned surface was not in sight", missing=100 * missing
+                    "{missing_percent:.1f} % of the planned surface was not in sight",
+                    missing_percent=100 * missing,
                 ),
             )
 

@@ -127,10 +127,10 @@ class DiskWatcher:
         report(
             Event.STOP,
             say(
-                "the disk of {folder} has {free:.0f} MB left: the run was stopped "
+                "the disk of {folder} has {free_mb:.0f} MB left: the run was stopped "
                 "while that can still be recorded. Make room, then start again",
                 folder=self._folder,
-                free=free / 1e6,
+                free_mb=free / 1e6,
             ),
             "disk_full",
         )

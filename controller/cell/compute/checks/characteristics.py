@@ -96,12 +96,12 @@ def _too_tight(checked: CheckedCharacteristic) -> str:
     )
     return say(
         "{id}: {limits} ({source}) is tighter than this cell can verify: "
-        "it promises U = {u_mm:.0f} um, which allows {ask} at best; widen "
+        "it promises U = {u_um:.0f} um, which allows {ask} at best; widen "
         "the tolerance, gauge it elsewhere (`ignore: reason`), or use a "
         "camera with smaller pixels",
         id=one.id,
         limits=_limits(one),
         source=one.source,
-        u_mm=able.U_mm * UM_PER_MM,
+        u_um=able.U_mm * UM_PER_MM,
         ask=ask,
     )

@@ -20,13 +20,13 @@ def check_defects(recipe: Recipe, cell: Cell) -> tuple[str, ...]:
     return tuple(
         say(
             "`inspection.find`: {kind} of {asked:g} mm is smaller than this "
-            "cell can find: with {mm_per_px:.0f} um a pixel it finds "
-            "{ceil:.2f} mm, on a spotless surface seen square; ask for that or "
+            "cell can find: with {um_per_px:.0f} um a pixel it finds "
+            "{least_mm:.2f} mm, on a spotless surface seen square; ask for that or "
             "more, or use a camera with smaller pixels",
             kind=kind,
             asked=asked,
-            mm_per_px=1000 * mm_per_px,
-            ceil=ceil(100 * least[kind]) / 100,
+            um_per_px=1000 * mm_per_px,
+            least_mm=ceil(100 * least[kind]) / 100,
         )
         for kind, asked in recipe.inspection.find.items()
         if asked < least[kind]

@@ -254,7 +254,7 @@ def breaks(
             yield BrokenRow(seq, run, part, name, "was changed")
         elif seq != last_seq + 1:
             gap = (
-                say("{last_seq} to {seq}", last_seq=last_seq + 1, seq=seq - 1)
+                say("{first_seq} to {last_seq}", first_seq=last_seq + 1, last_seq=seq - 1)
                 if seq > last_seq + 2
                 else f"{seq - 1}"
             )

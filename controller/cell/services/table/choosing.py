@@ -310,11 +310,11 @@ def _none_of_them(seen: Sequence[SightingFields], wanted: WantedParts) -> PartPr
             "part_cut_off",
             say(
                 "{part} {at} lies partly outside the backlit area: "
-                "{free_share:.0f} % of its outline is visible; move it inwards and "
+                "{free_percent:.0f} % of its outline is visible; move it inwards and "
                 "start again",
                 part=one.part,
                 at=at,
-                free_share=100 * one.free_share,
+                free_percent=100 * one.free_share,
             ),
         )
     if one.part in wanted.batch:

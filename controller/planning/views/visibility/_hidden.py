@@ -71,8 +71,8 @@ def why_hidden(
                 stands=stands,
             ),
             say(
-                "accept views up to {ceil:.0f} degrees from the normal in the recipe",
-                ceil=np.ceil(flattest),
+                "accept views up to {angle_deg:.0f} degrees from the normal in the recipe",
+                angle_deg=np.ceil(flattest),
             ),
         )
     return (
