@@ -35,23 +35,23 @@ def with_said(content: Mapping[str, Any]) -> dict[str, Any]:
     return {**content, **said_in(content)}
 
 
-def from_said(content: Mapping[str, Any]) -> dict[str, Any]:
+def from_said(content: Any) -> Any:  # noqa: ANN401  (JSON)
     """Return a JSON object whose sentences have their keys and values again.
 
     Parameters
     ----------
-    content : as `with_said` made it, or any other, which stays as it is
+    content : as `with_said` made it, or any other JSON, which stays as it is
 
     Raises
     ------
     ValueError : keys and values do not make the sentence
     """
-    if SAID not in content:
-        return dict(content)
+    if not isinstance(content, Mapping) or SAID not in content:
+        return content
+    if not isinstance(content[SAID], Mapping):
+        raise ValueError(f"no sentences: {content[SAID]!r}")
     said = {text: of_json(one) for text, one in content[SAID].items()}
-    kept = {name: value for name, value in content.items() if name != SAID}
-    found: dict[str, Any] = restored(kept, said)
-    return found
+    return restored({name: value for name, value in content.items() if name != SAID}, said)
 
 
 def as_json(message: Message) -> dict[str, Any]:

@@ -283,17 +283,23 @@ def _limit(pid: int) -> None:
 
 def _note(work: ChildWork, line: str) -> None:
     """Take a line of standard error: progress, or a message for the person."""
+    if work.within is not None:
+        line = line.replace(f"{work.within}/", "")
     try:
         body = json.loads(line)
+        said = from_said(body) if isinstance(body, dict) else {}
     except ValueError:
-        body = None
-    said = from_said(body) if isinstance(body, dict) else {}
+        said = {}
     if said.get("event") == "progress":
-        work.stage = said["stage"]
-    elif said.get("event") == "refused":
-        work.messages.append(said["error"])
+        work.stage = _short(said.get("stage"))
     elif line:
-        if work.within is not None:
-            line = line.replace(f"{work.within}/", "")
-        work.messages.append(line.removeprefix("cellctl: ")[:MESSAGE_MAX])
+        is_refusal = said.get("event") == "refused"
+        message = said.get("error") if is_refusal else line.removeprefix("cellctl: ")
+        work.messages.append(_short(message))
         del work.messages[:-MESSAGE_MAX_COUNT]
+
+
+def _short(text: object) -> str:
+    """Return a text that a child printed; one that is too long is cut, and loses its key."""
+    found = text if isinstance(text, str) else ""
+    return found if len(found) <= MESSAGE_MAX else found[:MESSAGE_MAX]

@@ -140,6 +140,8 @@ def test_an_object_from_before_there_were_keys_is_read_as_english() -> None:
 def test_what_makes_no_sentence_is_not_read() -> None:
     with pytest.raises(ValueError, match="no key with values"):
         from_said({"reason": "x", "said": {"x": {"values": {"n": 1}}}})
+    with pytest.raises(ValueError, match="no sentences"):
+        from_said({"reason": "x", "said": ["x"]})
     with pytest.raises(ValueError, match="no template has the format"):
         of_json({"key": "{n:999999999d}", "values": {"n": 1}})
 

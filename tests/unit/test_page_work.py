@@ -9,7 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from controller.page.work import NICENESS, BusyError, ChildWork, Workshop, WorkState
+from controller.page.work import (
+    MESSAGE_MAX,
+    NICENESS,
+    BusyError,
+    ChildWork,
+    Workshop,
+    WorkState,
+)
+from messages import Message
 
 TALKS = """
 import json, sys
@@ -26,6 +34,16 @@ threading.Event().wait()
 """
 STUBBORN = f"import signal\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\n{WAITS}"
 SAYS_NO = "print('{\"problems\": [1]}')\nraise SystemExit(1)"
+REFUSES = """
+import json, sys
+from messages import say
+from messages.form import with_said
+missing = say("{path}: {what} is missing", path="/secret/place/a.yaml", what="a part")
+for error in (missing, "x" * 501):
+    print(json.dumps(with_said({"event": "refused", "error": error})), file=sys.stderr)
+print(json.dumps({"event": "progress"}), file=sys.stderr)
+print(json.dumps({"event": "progress", "said": 1}), file=sys.stderr)
+"""
 LIMITS = """
 import json, os, resource
 names = ("RLIMIT_CPU", "RLIMIT_DATA", "RLIMIT_FSIZE", "RLIMIT_CORE")
@@ -156,3 +174,15 @@ async def test_garbage_in_place_of_json_is_no_result() -> None:
         await shop.ended()
         assert work.bodies() == []
         assert json.dumps(work.facts())
+
+
+async def test_a_refusal_keeps_its_key_and_names_no_folder_either() -> None:
+    shop = program(REFUSES)
+    async with shop.open():
+        work = shop.start("part", "a", "ada", nothing, within=Path("/secret/place"))
+        await shop.ended()
+    refusal, cut, odd = work.messages
+    assert isinstance(refusal, Message)
+    assert (refusal, refusal.key) == ("a.yaml: a part is missing", "{path}: {what} is missing")
+    assert cut == "x" * MESSAGE_MAX
+    assert odd == '{"event": "progress", "said": 1}'

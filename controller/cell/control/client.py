@@ -147,7 +147,7 @@ class RunningCell:
 def _reply_of(model: type[SomeReply], body: bytes) -> SomeReply:
     try:
         return reply_of(model, body)
-    except (ValueError, TypeError) as error:
+    except ValueError as error:
         raise ControlError(
             key("the run's answer cannot be read; is it another version?")
         ) from error
