@@ -9,14 +9,11 @@ from typing import Final
 from ._message import key
 
 DEVICES: Final = (
-    key(
-        "arm"
-    ), key("cell"), key("column"), key("controller"), key("elbow"), key("fixed gripper body"),
-    key("fixed gripper post"), key("fixture"), key("gripper"), key("inspection"), key("io"),
-    key("lights"), key("overhead"), key("scanner"), key("shoulder"), key("station panel"),
-    key(
-        "table"
-    ), key("the table"), key("trays"), key("wrist1"), key("wrist2"), key("yaw"), key("zed"),
+    key("arm"), key("cell"), key("column"), key("controller"), key("elbow"),
+    key("fixed gripper body"), key("fixed gripper post"), key("fixture"), key("gripper"),
+    key("inspection"), key("io"), key("lights"), key("overhead"), key("scanner"), key("shoulder"),
+    key("station panel"), key("table"), key("the table"), key("trays"), key("wrist1"),
+    key("wrist2"), key("yaw"), key("zed"),
 )  # fmt: skip
 LAMPS: Final = (
     key("backlit"), key("station_backlight"), key("station_ring"), key("station_side"),
@@ -33,18 +30,12 @@ SHAPES: Final = (
 )  # fmt: skip
 # What people, steps and checks are named by.
 WORK: Final = (
-    key("aborted"), key("ack"), key("activation"), key("answer go on"), key("answer look"),
-    key("answer out"), key("answer refuse"), key("answer stop"), key("commissioning"),
-    key("connecting"), key("controls"), key("cut_off"), key("device"), key("dimension"),
-    key(
-        "disk"
-    ), key("exposure"), key("failed"), key("fixture release"), key("hand off"), key("held"),
-    key("identity"), key("never begun"), key("not proven"), key("nothing"), key("ok"),
-    key("open arm gripper"), key("open fixed gripper"), key("operator"), key("park"),
-    key("pause after step"), key("pause at safe point"), key("pause now"), key("pictures"),
+    key("aborted"), key("ack"), key("activation"), key("commissioning"), key("connecting"),
+    key("controls"), key("cut_off"), key("device"), key("dimension"), key("disk"), key("exposure"),
+    key("fixture release"), key("hand off"), key("held"), key("identity"), key("nothing"),
+    key("ok"), key("open arm gripper"), key("open fixed gripper"), key("operator"), key("pictures"),
     key("place in tray"), key("planner"), key("planning"), key("recipe"), key("recognised"),
-    key("recognising"), key("stale"), key("stalled"), key("stopped"), key("stored"),
-    key("take back"),
+    key("recognising"), key("stalled"), key("stopped"), key("stored"), key("take back"),
 )  # fmt: skip
 # How things are listed.
 LISTS: Final = (
@@ -52,8 +43,7 @@ LISTS: Final = (
 )  # fmt: skip
 QUANTITIES: Final = (
     key("below"), key("deeper"), key("deg"), key("higher"), key("no"), key("others"), key("press"),
-    key("sure"), key("tried"), key("on the table"), key("in the arm gripper"),
-    key("in the fixed gripper"),
+    key("tried"),
 )  # fmt: skip
 # Of the operating system, as Python has them.
 OPERATING_SYSTEM: Final = (

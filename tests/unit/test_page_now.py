@@ -22,6 +22,7 @@ pytest.importorskip("httpx2", reason="starlette's client for tests needs it")
 
 from page_bench import CELL, EYE, HERE, RUN, THERE, bench, journal, picture
 
+from controller.cell.batch.starting import GO_ON, REFUSE
 from controller.cell.control import (
     DecisionReply,
     NoRunError,
@@ -33,6 +34,8 @@ from controller.cell.control import (
 from controller.cell.custody import Custody
 from controller.cell.devices.lock import hold_cell
 from controller.cell.journal import JOURNAL_NAME, newest_run, read_rows, read_rows_after, rows
+from controller.cell.machine import PAUSE_EVENTS, Event
+from controller.cell.operator.questions import LOOK, OUT, STOP
 from controller.config import load_cell
 from controller.page import serving
 from controller.page.now.fold import HeldPart, JournaledArm, RunFold
@@ -42,6 +45,7 @@ from controller.page.now.scene import CellScene
 from controller.page.security import Account, PageAddress, Role
 from controller.planning.motion import segment_seconds, tcp_pose
 from controller.setup.layout import build_layout
+from messages.words import LANGUAGES, words_in
 
 STATUS: dict[str, Any] = {
     "run": RUN,
@@ -242,6 +246,33 @@ def test_who_acted_is_shown_with_the_reason(tmp_path: Path) -> None:
     assert [(a["act"], a["who"], a["why"]) for a in facts["acts"]] == [
         ("pause_now", "ada, page (me)", "a screw")
     ]
+
+
+ORDERED = {"answer": "handled", "from": "held", "to": "held", "who": "ada"}
+ACTS: tuple[rows.Body, ...] = (
+    *(
+        rows.CellEvent.model_validate({**ORDERED, "name": event.value})
+        for event in (*PAUSE_EVENTS.values(), Event.RESUME, Event.STOP, Event.NOT_PROVEN)
+    ),
+    *(
+        rows.QuestionAnswered(code="no_part", choice=choice, who="ada")
+        for choice in (LOOK, OUT, STOP, GO_ON, REFUSE, "SN-1_2")
+    ),
+)
+
+
+@pytest.mark.parametrize("language", sorted(set(LANGUAGES) - {"en"}))
+@pytest.mark.parametrize("row", ACTS)
+def test_what_people_did_has_its_words_in_each_language(
+    tmp_path: Path, row: rows.Body, language: str
+) -> None:
+    writer = journal(tmp_path)
+    writer.write(row)
+    writer.close()
+    (act,) = (one["act"] for one in folded(tmp_path).facts()["acts"])
+    word = words_in(language, act)[act]
+    if isinstance(row, rows.QuestionAnswered):
+        assert (row.choice in word) is (row.choice == "SN-1_2")
 
 
 def test_a_row_of_another_version_changes_nothing(tmp_path: Path) -> None:

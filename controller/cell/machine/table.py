@@ -45,9 +45,9 @@ class Event(StrEnum):
     UNATTENDED = "unattended"
     LOOK_AGAIN = "look_again"
     PART_TAKEN_OUT = "part_taken_out"
-    PAUSE_AFTER_STEP = "pause_after_step"
-    PAUSE_AT_SAFE_POINT = "pause_at_safe_point"
-    PAUSE_NOW = "pause_now"
+    PAUSE_AFTER_STEP = key("pause_after_step")
+    PAUSE_AT_SAFE_POINT = key("pause_at_safe_point")
+    PAUSE_NOW = key("pause_now")
     PAUSED = "paused"
     RESUME = key("resume")
     RESUMED = "resumed"
@@ -55,7 +55,7 @@ class Event(StrEnum):
     STEP_BEGUN = "step_begun"
     GUARD_OPENED = "guard_opened"
     ACKNOWLEDGE = "acknowledge"
-    NOT_PROVEN = "not_proven"
+    NOT_PROVEN = key("not_proven")
     STOP = key("stop")
     STOP_DONE = "stop_done"
     FAULT = "fault"

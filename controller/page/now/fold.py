@@ -9,7 +9,7 @@ from typing import Any, Final
 from controller.cell.alarms import BY_NUMBER
 from controller.cell.custody import Custody
 from controller.cell.journal import Row, read_row, rows
-from messages import say
+from messages import key, say
 
 SIZE_PX: Final = (1280, 1024)  # size where the journal does not have it
 VIEW_COUNT: Final = 6
@@ -21,6 +21,14 @@ OUTLINE_POINT_COUNT: Final = 240
 
 # A plan forecasts its slowest tray; the row of the finished step has the actual one.
 PLACE: Final = "place in tray"
+# what was answered, by its choice; any other is named as it is, such as a serial number
+ANSWERED: Final = {
+    "look": key("answer look"),
+    "out": key("answer out"),
+    "stop": key("answer stop"),
+    "go_on": key("answer go on"),
+    "refuse": key("answer refuse"),
+}
 # The last step of a plan. It is no step of the part, which lies in its tray, and has no row: it is
 # the arm's motion after the last step of the part.
 PARK: Final = "park"
@@ -317,9 +325,8 @@ class RunFold:
                 if body.who:
                     self._act(row, row.name, body.who, body.why, body.answer)
             case rows.QuestionAnswered():
-                self._act(
-                    row, say("answer {choice}", choice=body.choice), body.who, body.why, "handled"
-                )
+                answered = ANSWERED.get(body.choice) or say("answer {choice}", choice=body.choice)
+                self._act(row, answered, body.who, body.why, "handled")
             case rows.Acknowledged():
                 self._act(row, "ack", body.who, body.why, "handled")
             case _:

@@ -288,7 +288,7 @@ function drawFiles([run, isThere]) {
 
 function drawPeople(acts) {
   $("people").replaceChildren(...(acts.length ? acts.map((one) => el("li",
-    `${time(one.at)} ${one.who}: ${said(one.act.replaceAll("_", " "))}${one.why ? ` (${one.why})` : ""}${one.answer === "handled" ? "" : `: ${t(one.answer)}`}`))
+    `${time(one.at)} ${one.who}: ${said(one.act).replaceAll("_", " ")}${one.why ? ` (${one.why})` : ""}${one.answer === "handled" ? "" : `: ${t(one.answer)}`}`))
     : [el("li", t("Nobody yet."))]));
 }
 
