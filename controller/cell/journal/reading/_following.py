@@ -4,24 +4,19 @@ A reader that stays open prevents the writer's log from being emptied, so each r
 file, reads its rows and closes it again.
 """
 
-import json
 import sqlite3
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Final, TypeVar
 
-from messages import say
-from messages.form import from_said
-
-from .._form import GENESIS, JournalError, Row, kind_of
+from .._form import GENESIS, Row
 from .._head import Head
 from .._writer import require_known_version
-from ._reader import BrokenRow, breaks, lossy_text, open_to_read
+from ._reader import COLUMNS, BrokenRow, breaks, lossy_text, opened, row_of
 
 BATCH_COUNT: Final = 2000  # rows that one read takes
 UNBOUNDED: Final = 2**62  # no row has this number
-COLUMNS: Final = "seq, t_utc, t_mono, run, part, kind, name, body"
 NO_ROW: Final = Head(0, GENESIS)  # what stands before the first one
 T = TypeVar("T")
 
@@ -168,7 +163,7 @@ def rows_behind(
     # nothing but question marks is put into it
     query = f"SELECT {COLUMNS} FROM journal WHERE {where} ORDER BY seq LIMIT ?"  # nosec B608
     values = (seq, until, *names, count)
-    return _read(path, lambda db: [_row(found) for found in db.execute(query, values)])
+    return _read(path, lambda db: [row_of(found) for found in db.execute(query, values)])
 
 
 def parts_of(path: Path, run: str) -> tuple[int, ...]:
@@ -209,7 +204,7 @@ def rows_of_parts(
     # nothing but question marks is put into it
     query = f"SELECT {COLUMNS} FROM journal WHERE {where} ORDER BY seq"  # nosec B608
     values = (run, until, *parts, *names)
-    return _read(path, lambda db: [_row(found) for found in db.execute(query, values)])
+    return _read(path, lambda db: [row_of(found) for found in db.execute(query, values)])
 
 
 def _named(names: Collection[str]) -> str:
@@ -221,21 +216,7 @@ def _marks(values: Collection[object]) -> str:
     return ", ".join("?" for _ in values)
 
 
-def _row(found: tuple[Any, ...]) -> Row:
-    seq, t_utc, t_mono, run, part, kind, name, body = found
-    return Row(
-        seq, t_utc, t_mono, run, part, kind_of(kind, name), name, from_said(json.loads(body))
-    )
-
-
 def _read(path: Path, read: Callable[[sqlite3.Connection], T]) -> T:
-    db = open_to_read(path)
-    try:
+    with opened(path) as db:
         require_known_version(db, path)
         return read(db)
-    except (sqlite3.Error, ValueError) as error:
-        raise JournalError(
-            say("journal {path}: {error}; it is damaged or not a journal", path=path, error=error)
-        ) from error
-    finally:
-        db.close()

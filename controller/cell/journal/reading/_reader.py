@@ -3,6 +3,7 @@
 import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -22,6 +23,7 @@ from ..rows import (
     is_of,
 )
 
+COLUMNS: Final = "seq, t_utc, t_mono, run, part, kind, name, body"
 # names of the rows that are written about a run after its end
 ADDED_NAMES: Final = (*(body.row_name for body in ADDED), Acknowledged.row_name)
 
@@ -155,19 +157,12 @@ def newest_run(path: Path) -> str | None:
     ------
     JournalError : no journal there, or it cannot be read
     """
-    db = open_to_read(path)
-    try:
+    with opened(path) as db:
         found = db.execute(
             f"SELECT run FROM journal WHERE name NOT IN ({_marks(ADDED_NAMES)}) "  # nosec B608
             "ORDER BY seq DESC LIMIT 1",
             ADDED_NAMES,
         ).fetchone()
-    except sqlite3.Error as error:
-        raise JournalError(
-            say("journal {path}: {error}; it is damaged or not a journal", path=path, error=error)
-        ) from error
-    finally:
-        db.close()
     return None if found is None else str(found[0])
 
 
@@ -176,20 +171,10 @@ def _marks(values: Sequence[str]) -> str:
 
 
 def _rows(path: Path, where: str, values: Sequence[str | int]) -> Iterator[Row]:
-    db = open_to_read(path)
-    try:
+    with opened(path) as db:
         require_known_version(db, path)
-        query = "SELECT seq, t_utc, t_mono, run, part, kind, name, body FROM journal"
-        rows = db.execute(f"{query}{where} ORDER BY seq", tuple(values))
-        for seq, t_utc, t_mono, run_id, part, kind, name, body in rows:
-            now = kind_of(kind, name)
-            yield Row(seq, t_utc, t_mono, run_id, part, now, name, from_said(json.loads(body)))
-    except (sqlite3.Error, ValueError) as error:  # no database, or a body that is no JSON
-        raise JournalError(
-            say("journal {path}: {error}; it is damaged or not a journal", path=path, error=error)
-        ) from error
-    finally:
-        db.close()
+        query = f"SELECT {COLUMNS} FROM journal{where} ORDER BY seq"  # nosec B608
+        yield from map(row_of, db.execute(query, tuple(values)))
 
 
 def first_broken_row(path: Path) -> int | None:
@@ -220,16 +205,9 @@ def broken_rows(path: Path) -> list[BrokenRow]:
 
 
 def _broken(path: Path) -> Iterator[BrokenRow]:
-    db = open_to_read(path)
-    db.text_factory = lossy_text
-    try:
+    with opened(path) as db:
+        db.text_factory = lossy_text
         yield from breaks(db.execute("SELECT * FROM journal ORDER BY seq"))
-    except sqlite3.Error as error:
-        raise JournalError(
-            say("journal {path}: {error}; it is damaged or not a journal", path=path, error=error)
-        ) from error
-    finally:
-        db.close()
 
 
 def lossy_text(raw: bytes) -> str:
@@ -253,11 +231,7 @@ def breaks(
         if digest_of(prev_hash, *fields) != digest:
             yield BrokenRow(seq, run, part, name, "was changed")
         elif seq != last_seq + 1:
-            gap = (
-                say("{first_seq} to {last_seq}", first_seq=last_seq + 1, last_seq=seq - 1)
-                if seq > last_seq + 2
-                else f"{seq - 1}"
-            )
+            gap = f"{last_seq + 1} to {seq - 1}" if seq > last_seq + 2 else f"{seq - 1}"
             yield BrokenRow(seq, run, part, name, f"follows a gap: row {gap} was removed")
         elif prev_hash != prev:
             yield BrokenRow(
@@ -266,14 +240,36 @@ def breaks(
         last_seq, prev = seq, digest
 
 
-def open_to_read(path: Path) -> sqlite3.Connection:
-    """Return a journal, open to be read.
+def row_of(found: tuple[Any, ...]) -> Row:
+    """Return the row of the values of `COLUMNS`.
 
     Raises
     ------
-    JournalError : no journal there
+    ValueError : its body is no JSON, or no sentences
+    """
+    seq, t_utc, t_mono, run, part, kind, name, body = found
+    return Row(
+        seq, t_utc, t_mono, run, part, kind_of(kind, name), name, from_said(json.loads(body))
+    )
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """Yield a journal, open to be read.
+
+    Raises
+    ------
+    JournalError : no journal there, or it cannot be read
     """
     if not path.is_file():
         raise JournalError(say("no journal at {path}", path=path))
     # as a URI, quoted by pathlib, since a folder's name may have # ? or % in it
-    return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+    db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+    try:
+        yield db
+    except (sqlite3.Error, ValueError) as error:  # no database, or a row that is none
+        raise JournalError(
+            say("journal {path}: {error}; it is damaged or not a journal", path=path, error=error)
+        ) from error
+    finally:
+        db.close()
