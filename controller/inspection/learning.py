@@ -15,7 +15,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, Float32Array, FloatArray
 from controller.cad import SurfaceSamples
-from messages import say
+from messages import joined, say
 
 from ._gathered import PlacedFinding, gather
 from ._judge import confirm
@@ -178,8 +178,8 @@ def learn(
     left_out: list[Tried] = []
     while True:
         if len(left) < MIN_PARTS:
-            named = "".join(
-                say("; {name} differs from the others", name=one.name) for one in left_out
+            named = joined(
+                "", [say("; {name} differs from the others", name=one.name) for one in left_out]
             )
             raise TooFewPartsError(
                 say(

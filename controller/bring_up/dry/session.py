@@ -23,7 +23,7 @@ from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration
 from controller.planning import Plan
 from controller.setup.layout import build_layout
-from messages import key, say
+from messages import key
 
 from ..bench import Bench
 from ..evidence import StepEvidence
@@ -140,9 +140,7 @@ async def _drive(bench: Bench, pose_index: int, step: LiftedStep) -> None:
     )
     bench.note(row)
     least, most = step.lifted_mm
-    lifted = (
-        say("{least:.0f} mm", least=least) if least == most else f"{least:.0f} to {most:.0f} mm"
-    )
+    lifted = f"{least:.0f} mm" if least == most else f"{least:.0f} to {most:.0f} mm"
     more = f"; {len(step.left_out)} left out" if step.left_out else ""
     bench.evidence.show(
         f"{step.label}: {len(step.path)} motions, lifted by {lifted}, {row.seconds:.0f} s{more}"
