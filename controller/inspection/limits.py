@@ -31,6 +31,17 @@ EDGE_PLAY_PX: Final = 2.0  # blur of an edge and of the filters, three standard 
 CORNER_PX: Final = 5.0  # distance from a corner below which a ray sees what lies round it
 SURE_SIGMAS: Final = 3.0  # standard deviations of an edge's place that are no chance
 
+
+def strip_px(pixel_mm: float) -> float:
+    """Return the width in a picture [px] of the strip beside an edge in which no defect shows.
+
+    Parameters
+    ----------
+    pixel_mm : size of a pixel at the part
+    """
+    return EDGE_PLAY_PX + EDGE_PLAY_MM / pixel_mm
+
+
 # Surfaces and what is found on them.
 FLATTEST_COS: Final = float(np.cos(np.radians(75.0)))  # a surface seen flatter is not in sight
 DUST_SIZES: Final = 2.0  # extent of a finding, in sizes of dust, above which it is no dust

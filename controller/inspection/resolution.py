@@ -5,18 +5,8 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, inner_mm
 
-from .limits import EDGE_PLAY_MM, EDGE_PLAY_PX, MIN_FACE_SHARE
+from .limits import MIN_FACE_SHARE, strip_px
 from .lit import MIN_WIDTH_PX
-
-
-def strip_mm(pixel_mm: float) -> float:
-    """Return the width of the strip beside an edge in which no defect shows, seen squarely.
-
-    Parameters
-    ----------
-    pixel_mm : size of a pixel at the part
-    """
-    return EDGE_PLAY_MM + EDGE_PLAY_PX * pixel_mm
 
 
 def is_narrow(
@@ -31,7 +21,7 @@ def is_narrow(
     pixel_mm : size of a pixel at the part
     cosine : (f,) of the incidence at which a view shows each face; or one for all
     """
-    return np.asarray(inner_mm(solid) < 0.5 * smallest_mm + strip_mm(pixel_mm) / cosine)
+    return np.asarray(inner_mm(solid) < 0.5 * smallest_mm + pixel_mm * strip_px(pixel_mm) / cosine)
 
 
 def needed_px_per_mm(solid: Solid, smallest_mm: float, pixel_mm: float) -> FloatArray:
@@ -49,6 +39,6 @@ def needed_px_per_mm(solid: Solid, smallest_mm: float, pixel_mm: float) -> Float
     pixel_mm : size of a pixel at the part
     """
     usual = MIN_WIDTH_PX / smallest_mm
-    cosine = strip_mm(pixel_mm) / ((1.0 - MIN_FACE_SHARE) * inner_mm(solid))
+    cosine = pixel_mm * strip_px(pixel_mm) / ((1.0 - MIN_FACE_SHARE) * inner_mm(solid))
     by_edges = is_narrow(solid, smallest_mm, pixel_mm, 1.0) | (cosine > 1.0)
     return np.where(by_edges, usual, np.maximum(usual, cosine / pixel_mm))

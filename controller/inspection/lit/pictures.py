@@ -19,7 +19,7 @@ from .._connected import connected_findings, grow
 from .._pose import PosedPart, PoseFit, point_spread
 from .._scene import ViewScene, Visibility
 from .._types import Check, Finding, FindingKind, InspectionLimits, Unjudged, ViewTask
-from ..limits import EDGE_PLAY_MM, EDGE_PLAY_PX, FLATTEST_COS, POSE_SPREADS
+from ..limits import FLATTEST_COS, POSE_SPREADS, strip_px
 from ..registration import (
     Registration,
     confirm_edges,
@@ -191,7 +191,7 @@ class LitPictures:
     @cached_property
     def _smooth_faces(self) -> BoolArray:
         """Nodes on smooth faces, off edges, outline and gripper."""
-        play = EDGE_PLAY_PX + EDGE_PLAY_MM / self._mm + POSE_SPREADS * self._spread_px()
+        play = strip_px(self._mm) + POSE_SPREADS * self._spread_px()
         return self._off_edges & (self._edge_px > play)
 
     @cached_property
