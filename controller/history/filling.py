@@ -29,7 +29,7 @@ from controller.cell.journal import (
 from controller.results.run import ResultsError, RunRecord, fold
 
 from .rows_of import PartRows, alarm_rows, part_id, part_rows, run_row
-from .sentences import keep_sentences, plain
+from .sentences import without_sentences
 from .store import Store
 from .tables import (
     ALARMS,
@@ -333,9 +333,8 @@ def _write(store: Store, source: _Source, record: RunRecord) -> int:
 
 def _write_run(db: Connection, source: _Source, record: RunRecord) -> int | None:
     """Write the row of a run and its alarms; return its number, None if another journal has it."""
-    row = run_row(record)
-    keep_sentences(db, [row])
-    values = {**plain(row), "journal_no": source.number, "read_seq": source.whole.seq}
+    (row,) = without_sentences(db, [run_row(record)])
+    values = {**row, "journal_no": source.number, "read_seq": source.whole.seq}
     is_run = (RUNS.c.cell == record.cell_name) & (RUNS.c.run_id == record.run_id)
     known = db.execute(select(RUNS).where(is_run)).one_or_none()
     if known is None:
@@ -380,8 +379,7 @@ def _write_parts(db: Connection, source: _Source, run_no: int, found: Sequence[P
 
 def _insert(db: Connection, table: Table, values: list[dict[str, Any]]) -> None:
     if values:
-        keep_sentences(db, values)
-        db.execute(insert(table), [plain(one) for one in values])
+        db.execute(insert(table), without_sentences(db, values))
 
 
 def _characteristics(db: Connection, found: Iterable[PartRows]) -> dict[str, int]:
@@ -399,7 +397,6 @@ def _characteristics(db: Connection, found: Iterable[PartRows]) -> dict[str, int
     new = [{"key": key, **values} for key, values in wanted.items() if key not in known]
     if new:
         made = insert(CHARACTERISTICS).returning(c.key, c.characteristic_no)
-        keep_sentences(db, new)
-        written = db.execute(made, [plain(one) for one in new])
+        written = db.execute(made, without_sentences(db, new))
         known |= {str(key): int(number) for key, number in written}
     return known

@@ -16,19 +16,26 @@ T = TypeVar("T")
 ASKED_MAX_COUNT: Final = 500  # of one query: SQLite before 3.32 takes 999 values
 
 
-def keep_sentences(db: Connection, values: Iterable[Mapping[str, Any]]) -> None:
-    """Write key and values of every sentence that rows have, unless the store has them.
+def without_sentences(db: Connection, values: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows with the English of their sentences alone, as drivers of databases take it.
+
+    Key and values of each sentence are written, unless the store has them.
 
     Parameters
     ----------
     db : open for writing
     values : rows, by name of the column
     """
-    wanted = {_digest(one): one for one in sentences_in(list(values)) if one.values}
+    every = list(values)
+    wanted = {_digest(one): one for one in sentences_in(every) if one.values}
     new = wanted.keys() - _known(db, wanted).keys()
     rows = [{"key": key, "said": json.dumps(as_json(wanted[key]))} for key in sorted(new)]
     if rows:
         db.execute(insert(SENTENCES), rows)
+    return [
+        {name: str.__str__(one) if isinstance(one, Message) else one for name, one in row.items()}
+        for row in every
+    ]
 
 
 def with_sentences(db: Connection, content: T) -> T:
@@ -43,14 +50,6 @@ def with_sentences(db: Connection, content: T) -> T:
     said = {wanted[key]: of_json(json.loads(one)) for key, one in _known(db, wanted).items()}
     found: T = restored(content, said)
     return found
-
-
-def plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row with the English of its sentences alone, as drivers of databases take it."""
-    return {
-        name: str.__str__(value) if isinstance(value, Message) else value
-        for name, value in values.items()
-    }
 
 
 def _digest(text: str) -> str:
