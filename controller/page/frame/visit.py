@@ -43,7 +43,8 @@ class Answer(JSONResponse):
 
     def in_language(self, language: str) -> Response:
         """Return the answer with the words of its texts beside them, by their English."""
-        return JSONResponse(worded(self._content, language), self.status_code)
+        found = worded(self._content, language)
+        return self if found is self._content else JSONResponse(found, self.status_code)
 
 
 def worded(content: Mapping[str, object], language: str) -> Mapping[str, object]:

@@ -82,17 +82,6 @@ class Piece:
     text: str
     words: Mapping[str, Mapping[str, str]]
 
-    @classmethod
-    def of(cls, content: object, text: str) -> "Piece":
-        """Return a piece.
-
-        Parameters
-        ----------
-        content : the piece
-        text : the same as JSON
-        """
-        return cls(text, {language: words_in(language, content) for language in LANGUAGES})
-
 
 @dataclass(slots=True, eq=False)
 class BrowserWatch:
@@ -368,7 +357,9 @@ class Live:
         text = _dumped(message)
         if kind in self._sent and self._sent[kind].text == text:
             return
-        self._sent[kind] = Piece.of(message, text)
+        # the others have names alone, and very many figures
+        told = LANGUAGES if kind.startswith(NOW) else ()
+        self._sent[kind] = Piece(text, {one: words_in(one, message) for one in told})
         for watcher in self._watchers:
             watcher.put(kind, self._sent[kind])
 
