@@ -17,7 +17,7 @@ from controller.history import (
 )
 
 from ..inputs.checks import check_writable_folder
-from ..inputs.history_store import filled_store, instant
+from ..inputs.history_store import filled_store, period
 from ..terminal.figures_table import print_figures
 from ..terminal.output import emit, print_line
 from .arguments import HistoryOptions, PartFilter
@@ -42,6 +42,7 @@ def filters_of(recipe: str, chosen: PartFilter, verdict: str = "", review: str =
     word = verdict.lower().replace("_", " ")
     if word and word not in VERDICTS:
         raise ConfigError(f"--verdict {verdict}: must be one of {', '.join(VERDICTS)}")
+    since, until = period(chosen.since, chosen.until)
     return Filters(
         recipe=recipe,
         verdict=word,
@@ -50,8 +51,8 @@ def filters_of(recipe: str, chosen: PartFilter, verdict: str = "", review: str =
         order_number=chosen.order_number,
         operator=chosen.operator,
         run=chosen.run,
-        since=None if chosen.since is None else instant(chosen.since, "--since"),
-        until=None if chosen.until is None else instant(chosen.until, "--until", is_end=True),
+        since=since,
+        until=until,
         review=review,
         cell=chosen.cell,
     )

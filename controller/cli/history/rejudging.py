@@ -30,7 +30,7 @@ from controller.results.wording import count_of, span
 
 from ..inputs.ahead import told_of_workers
 from ..inputs.checks import check_writable_folder, writing
-from ..inputs.history_store import filled_store, instant
+from ..inputs.history_store import filled_store, period
 from ..terminal.output import emit, print_line, warn, write_error_line
 from .arguments import RejudgeOptions
 from .tables import print_columns
@@ -79,17 +79,14 @@ def rejudge_archive(options: RejudgeOptions) -> int:
     ConfigError : an option or the recipe is wrong, or no such part is there
     HistoryError : store or journal cannot be read, or the store not be written
     """
-    output, since, until = options.output, options.since, options.until
+    output = options.output
     jobs = jobs_among(options.jobs)
     if output is not None:
         if output.suffix.lower() != ".csv" or output.is_dir():
             raise ConfigError(f"-o {output}: name a file that ends in .csv")
         check_writable_folder(output.parent, "-o in")
-    filters = Filters(
-        lot=options.lot,
-        since=None if since is None else instant(since, "--since"),
-        until=None if until is None else instant(until, "--until", is_end=True),
-    )
+    since, until = period(options.since, options.until)
+    filters = Filters(lot=options.lot, since=since, until=until)
     judging = judging_by_recipe(options.recipe)
     with filled_store(options.runs_dir, options.store_url) as store:
         archive = Archive(store, options.runs_dir, judging, filters)

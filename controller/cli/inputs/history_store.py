@@ -47,6 +47,19 @@ def filled_store(runs_dir: Path, named: str | None, *, anew: bool = False) -> It
         store.close()
 
 
+def period(since: str | None, until: str | None) -> tuple[datetime | None, datetime | None]:
+    """Return first and last instant of the options ``--since`` and ``--until``.
+
+    Raises
+    ------
+    ConfigError : one is no date
+    """
+    return (
+        None if since is None else instant(since, "--since"),
+        None if until is None else instant(until, "--until", is_end=True),
+    )
+
+
 def instant(text: str, option: str, *, is_end: bool = False) -> datetime:
     """Return an instant, UTC without a zone, from a date or a date and time in ISO form.
 

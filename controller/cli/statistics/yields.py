@@ -3,7 +3,7 @@
 from controller.config import ConfigError
 from controller.history import GROUPS, Filters, figures
 
-from ..inputs.history_store import filled_store, instant
+from ..inputs.history_store import filled_store, period
 from ..terminal.figures_table import print_figures
 from .arguments import StatsOptions
 
@@ -16,14 +16,15 @@ def filters_of(options: StatsOptions) -> Filters:
     ConfigError : a date is none
     """
     chosen = options.chosen
+    since, until = period(chosen.since, chosen.until)
     return Filters(
         recipe=options.recipe or "",
         lot=chosen.lot,
         order_number=chosen.order_number,
         operator=chosen.operator,
         cell=chosen.cell,
-        since=None if chosen.since is None else instant(chosen.since, "--since"),
-        until=None if chosen.until is None else instant(chosen.until, "--until", is_end=True),
+        since=since,
+        until=until,
     )
 
 
