@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -23,8 +23,6 @@ from ..inputs.checks import require_files
 from ..terminal.output import emit, print_line, warn
 from ._explain_folder import ExplainFolder, show_tables
 from .arguments import RecogniseOptions
-
-Lighting = Literal["backlit", "front", "auto"]
 
 
 def recognise_images(options: RecogniseOptions) -> int:
@@ -68,28 +66,25 @@ def recognise_images(options: RecogniseOptions) -> int:
         for path, picture in zip(scene, pictures, strict=True):
             for note in once.fresh(picture.notes):
                 warn(f"{path.name}: {note}; reported once for all such pictures")
-        known += _answer_one(
-            scene, pictures, camera, library, options.lighting.value, folder, options.as_json
-        )
+        known += _answer_one(options, scene, pictures, camera, library, folder)
     if unread:
         return 2
     return 0 if known else 1
 
 
 def _answer_one(
+    options: RecogniseOptions,
     scene: Sequence[Path],
     pictures: Sequence[StoredPicture],
     camera: Camera,
     library: Library,
-    lighting: Lighting,
     folder: ExplainFolder | None,
-    as_json: bool,
 ) -> int:
     """Print the objects in the pictures of one scene; return the number of known ones."""
-    path, picture = scene[0], pictures[0]
+    path, picture, as_json = scene[0], pictures[0], options.as_json
     others = [other.grey for other in pictures[1:]]
     started = time.perf_counter()
-    seen = recognise(picture.grey, camera, library, lighting, lit=others)
+    seen = recognise(picture.grey, camera, library, options.lighting.value, lit=others)
     seconds = time.perf_counter() - started
     for remark in seen.segmentation.remarks:
         warn(f"{path.name}: {remark}")
