@@ -243,8 +243,7 @@ class UrArm:
                 raise PositionLostError(
                     key(
                         "arm: its gripper has been without power, and activation would open "
-                        "it: take "
-                        "the part out with `cellctl recover --open arm`, or by hand"
+                        "it: take the part out with `cellctl recover --open arm`, or by hand"
                     )
                 )
             if opening_mm is not None and jaws.opening_mm > opening_mm + JAWS_MM:
@@ -397,7 +396,6 @@ class UrArm:
             raise PositionLostError(
                 key(
                     "arm: its gripper has been without power, and activation would open and "
-                    "close it: "
-                    "take out by hand what it holds, then home the arm"
+                    "close it: take out by hand what it holds, then home the arm"
                 )
             )

@@ -291,8 +291,7 @@ class UrSession:
             raise LocalControlError(
                 key(
                     "arm: in local control: on the pendant, choose `Remote Control` at the top "
-                    "right "
-                    "(enabled under Settings, System)"
+                    "right (enabled under Settings, System)"
                 )
             )
 
@@ -480,8 +479,7 @@ class UrSession:
                 raise PowerOffError(
                     key(
                         "arm: its gripper is not active, as after a loss of power: home the "
-                        "arm, which "
-                        "moves the jaws"
+                        "arm, which moves the jaws"
                     )
                 )
             try:

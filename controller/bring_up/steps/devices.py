@@ -283,8 +283,7 @@ async def _prove_watchdog(bench: Bench) -> None:
                 raise StepFailedError(
                     key(
                         "the I/O block's relay is closed, and the motors have no supply: check "
-                        "fuse "
-                        "and wires of the relay's contact"
+                        "fuse and wires of the relay's contact"
                     )
                 )
             await bench.clock.sleep(SUPPLY_POLL_S)

@@ -263,8 +263,7 @@ def compile_solid(
         warnings += (
             key(
                 "Which surfaces are cylinders, cones, spheres and tori is not worked out to "
-                "the end: "
-                "some of them may count as free-form."
+                "the end: some of them may count as free-form."
             ),
         )
     on_stage(key("finding symmetries"))

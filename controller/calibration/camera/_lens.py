@@ -65,8 +65,7 @@ def likeliest(
     raise CalibrationError(
         key(
             "no lens agrees with these boards; check `inner_corners` or `squares`, and that "
-            "focus and "
-            "zoom were left alone"
+            "focus and zoom were left alone"
         )
     )
 

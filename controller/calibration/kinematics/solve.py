@@ -210,8 +210,7 @@ def _check(prior: CellPrior, pictures: Sequence[BoardPicture]) -> None:
         raise KinematicsError(
             key(
                 "no picture shows the board at its marked place, so nothing fixes the world; "
-                "lay it "
-                "there and take a picture with the overhead camera"
+                "lay it there and take a picture with the overhead camera"
             )
         )
     seen = {p.camera for p in pictures}

@@ -223,7 +223,6 @@ def _require_ready(status: GripperReading) -> None:
             key(
                 "the fixed gripper is not active, and activating it would close its jaws first. "
                 "Nothing has moved. Take the part out by the gripper's own release, then start "
-                "with "
-                "--part-removed"
+                "with --part-removed"
             )
         )

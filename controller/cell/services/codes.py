@@ -64,8 +64,7 @@ class Codes:
                 "many_parts",
                 key(
                     "the code with the serial number lies beside the part, and several parts "
-                    "of the "
-                    "batch are on the table: leave one there, with its code"
+                    "of the batch are on the table: leave one there, with its code"
                 ),
             )
         self.record.show(key("reading the code of the part"))

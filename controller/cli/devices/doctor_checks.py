@@ -165,11 +165,13 @@ def _machine() -> list[Check]:
             )
     free_mb = shutil.disk_usage(Path.cwd()).free // 2**20
     checks.append(
-        _check("disk", say("{free_mb} MB free",
-free_mb=free_mb), ok=free_mb > MIN_DISK_MB,
-               remedy=say("make room: runs need {min_disk_mb} MB and more",
-min_disk_mb=MIN_DISK_MB))
-    )  # fmt: skip
+        _check(
+            "disk",
+            say("{free_mb} MB free", free_mb=free_mb),
+            ok=free_mb > MIN_DISK_MB,
+            remedy=say("make room: runs need {min_disk_mb} MB and more", min_disk_mb=MIN_DISK_MB),
+        )
+    )
     return checks
 
 

@@ -58,8 +58,7 @@ class WithdrawAction:
                     "no_way_home",
                     key(
                         "no path free of contact leads the arm out of the camera's sight; "
-                        "clear the "
-                        "space about it and start again"
+                        "clear the space about it and start again"
                     ),
                 )
             await self.motion.go_back(1)
