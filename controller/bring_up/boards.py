@@ -27,7 +27,7 @@ from controller.config import SHIPPED
 from controller.planning.geometry import Box
 from controller.planning.motion import Scene
 from controller.setup.measured_arm import measured_arm
-from messages import key, say
+from messages import joined, key, say
 
 from .bench import UNCALIBRATED_MM, Bench, with_clearance
 from .errors import StepFailedError
@@ -118,7 +118,7 @@ def load_plate(file: Path) -> BoardSection:
                 "{file}: is no plate for the jaws: it lacks {missing}; print one "
                 "with `cellctl print-target paddle`",
                 file=file,
-                missing=", ".join(missing),
+                missing=joined(", ", missing),
             )
         )
     return board

@@ -60,7 +60,7 @@ from controller.setup.software import software_versions
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.kinds import Arm, Camera, Stop
-from messages import say
+from messages import joined, say
 
 from .bench import Bench, HandedOver
 from .errors import DeclinedError, NobodyThereError
@@ -183,7 +183,7 @@ class StepVisit:
         else:
             over = worst_of(self._evidence.figures)
             if over:
-                outcome, message = StepEnd.FAILED, "; ".join(figure.words for figure in over)
+                outcome, message = StepEnd.FAILED, joined("; ", (figure.words for figure in over))
                 self._made = {}
         order, evidence = self._order, self._evidence
         return StepRecord(

@@ -35,7 +35,7 @@ from controller.setup.characteristics import (
 )
 from controller.setup.faces import faces_left_out
 from controller.setup.samples import sampled_for
-from messages import say
+from messages import joined, say
 
 from .as_calibrated import as_calibrated
 from .learned_file import Learned, read_learned
@@ -198,7 +198,7 @@ def read_pictures(
         )
         problems = [*problems[:MAX_PROBLEM_COUNT], more]
     if problems:
-        raise ConfigError("\n".join(problems))
+        raise ConfigError(joined("\n", problems))
     return found
 
 

@@ -22,6 +22,7 @@ from controller.calibration.target import load_board
 from controller.imaging import Camera
 from controller.planning.geometry import Box
 from controller.planning.motion import Scene, tcp_pose
+from messages.words import teller
 
 LAYOUT = emulated_layout()
 BOARD = load_board(Path(__file__).parents[2] / "recipes" / "boards" / "paddle.json")
@@ -161,7 +162,9 @@ def test_a_hand_off_brings_the_plates_far_end_between_the_fixed_pads() -> None:
 def test_a_board_that_is_no_plate_is_refused_before_anything_moves() -> None:
     boards = Path(__file__).parents[2] / "recipes" / "boards"
     assert load_plate(boards / "paddle.json") == BOARD
-    with pytest.raises(StepFailedError, match=r"chessboard.json: is no plate .*ChArUco.*bare_mm"):
+    is_none = r"chessboard.json: is no plate .*ChArUco.*bare_mm"
+    with pytest.raises(StepFailedError, match=is_none) as refused:
         load_plate(boards / "chessboard.json")
+    assert "ein Druck auf der Rückseite" in teller("de")(str(refused.value))
     with pytest.raises(StepFailedError, match=r"charuco.json: is no plate .*back_first_marker"):
         load_plate(boards / "charuco.json")

@@ -24,6 +24,7 @@ from controller.inspection import (
     inspect_part,
     learn,
 )
+from messages.words import teller
 
 LOOKS = ((8.0, 6.0), (-18.0, 10.0))
 SETTINGS = PartSettings(InspectionLimits(), min_coverage=0.01)
@@ -105,6 +106,15 @@ def test_a_part_with_a_defect_is_named_and_left_out() -> None:
 def test_four_parts_are_too_few() -> None:
     with pytest.raises(TooFewPartsError, match="4 good parts, 5 are needed"):
         learn(parts(0, 1, 2, 3))
+
+
+def test_too_few_parts_name_those_left_out_in_each_language() -> None:
+    bad = GoodPart("the dented one", shown_as(dented(), 13))
+    named = "; the dented one differs from the others$"
+    with pytest.raises(TooFewPartsError, match=named) as refused:
+        learn([*parts(0, 1, 2, 3), bad])
+    told = teller("de")(str(refused.value))
+    assert told.endswith("; the dented one weicht von den anderen ab")
 
 
 def test_a_lamp_that_is_dimmer_as_a_whole_changes_nothing() -> None:

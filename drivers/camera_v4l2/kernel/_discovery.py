@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from drivers.errors import LinkError, WrongDeviceError
-from messages import say
+from messages import joined, say
 
 from ._socket_calls import UNIX_PREFIX
 
@@ -88,7 +88,7 @@ def find_node(address: str, dev_root: Path = DEV_ROOT, sysfs_root: Path = SYSFS_
     if not wanted:
         raise ValueError(f"camera address {address!r} names nothing")
     if not fitting:
-        there = "; ".join(_tell(node) for node in nodes) or "none"
+        there = joined("; ", map(_tell, nodes)) or "none"
         raise LinkError(
             say(
                 "camera {address}: not plugged in; cameras there: {there}",
@@ -103,7 +103,7 @@ def find_node(address: str, dev_root: Path = DEV_ROOT, sysfs_root: Path = SYSFS_
                 address=address,
                 fitting_count=len(fitting),
             )
-            + "; ".join(_tell(node) for node in fitting)
+            + joined("; ", map(_tell, fitting))
         )
     return fitting[0].path
 
