@@ -17,6 +17,7 @@ import view_sets
 from shown_part import perfect
 
 from controller.cli import main
+from messages.form import from_said
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def folder(stored: Path, tmp_path: Path) -> Path:
 
 
 def lines_of(text: str) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in text.splitlines()]
+    return [from_said(json.loads(line)) for line in text.splitlines()]
 
 
 def test_the_last_line_is_the_verdict(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -42,7 +43,7 @@ def test_the_last_line_is_the_verdict(folder: Path, capsys: pytest.CaptureFixtur
     lines = lines_of(capsys.readouterr().out)
     assert [line["event"] for line in lines].count("verdict") == 1
     end = lines[-1]
-    assert set(end) - {"said"} == {
+    assert set(end) == {
         "event", "verdict", "covered_fraction", "reasons", "unproven", "found", "seconds",
     }  # fmt: skip
     # three views from one side cannot have shown the back

@@ -506,9 +506,14 @@ def test_a_german_page_asks_warns_and_counts_in_german(
     labels = say("show with grasp {id}", id="A1"), say("place in tray {tray}", tray="accept")
     for label in labels:
         writer.write(rows.StepDone(label=label, forecast_s=1.0, seconds=1.0), 1)
+    order = {"name": "pause_now", "answer": "handled", "from": "held", "to": "held", "who": "ada"}
+    writer.write(rows.CellEvent.model_validate(order))
+    writer.write(rows.QuestionAnswered(code=question.code, choice="look", who="ada"))
     writer.close()
     until(tab, lambda: "in die Ablage Gut legen" in tab.inner_text("#steps"))
     assert "zeigen mit Griff A1" in tab.inner_text("#steps")
+    until(tab, lambda: "geantwortet: noch einmal ansehen" in tab.inner_text("#people"))
+    assert "ada: Pause sofort" in tab.inner_text("#people")
 
 
 def test_a_viewer_logs_in_by_password_sees_all_and_has_no_button(served: Served, tab: Any) -> None:
