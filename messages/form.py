@@ -95,9 +95,7 @@ def texts_in(content: object) -> Iterator[str]:
     elif isinstance(content, Mapping):
         for value in content.values():
             yield from texts_in(value)
-    elif isinstance(content, list | tuple) and not (
-        content and isinstance(content[0], int | float)  # a mesh has very many numbers
-    ):
+    elif isinstance(content, list | tuple) and not _has_figures(content):
         for value in content:
             yield from texts_in(value)
 
@@ -114,6 +112,17 @@ def restored(content: Any, said: Mapping[str, Message]) -> Any:  # noqa: ANN401 
         return said.get(content, content)
     if isinstance(content, Mapping):
         return {name: restored(value, said) for name, value in content.items()}
-    if isinstance(content, list | tuple):
+    if isinstance(content, list | tuple) and not _has_figures(content):
         return type(content)(restored(value, said) for value in content)
     return content
+
+
+def _has_figures(content: list[Any] | tuple[Any, ...]) -> bool:
+    """Return whether a list is one of figures, points or matrices, as its first one is.
+
+    Outlines and meshes have very many, and are left out whole.
+    """
+    first: object = content
+    while isinstance(first, list | tuple) and first:
+        first = first[0]
+    return isinstance(first, int | float)
