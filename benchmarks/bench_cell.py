@@ -5,7 +5,7 @@ of the emulated world itself over its control port, which the run does not know:
 controller thinks it placed and that lies elsewhere counts as dropped silently.
 
     python benchmarks/bench_cell.py                       three recipes, ten places each
-    python benchmarks/bench_cell.py --recipes holder --places 3
+    python benchmarks/bench_cell.py --recipes holder --places 3 --cell ur5e
     python benchmarks/bench_cell.py --twins chip burr      as-built twins, good and with defects
 """
 
@@ -52,6 +52,7 @@ class Trial:
     pose: int | None = None
     collisions: int = 0
     run: str = ""
+    cell: str = ""
 
     @property
     def done(self) -> bool:
@@ -91,7 +92,9 @@ class Witness(threading.Thread):
                 continue
 
 
-def one_run(recipe: str, seed: int, speed: float, lay: Path | None, what: str, runs: Path) -> Trial:
+def one_run(
+    recipe: str, seed: int, speed: float, lay: Path | None, what: str, runs: Path, cell: str = ""
+) -> Trial:
     """Run once; never raises for what the cell does."""
     with tempfile.TemporaryDirectory(prefix="cellbench") as scratch:
         control = Path(scratch) / "control.sock"
@@ -104,6 +107,8 @@ def one_run(recipe: str, seed: int, speed: float, lay: Path | None, what: str, r
         ]  # fmt: skip
         if lay is not None:
             command += ["--lay", str(lay)]
+        if cell:
+            command += ["--cell", f"recipes/cells/{cell}.yaml"]
         started = time.monotonic()
         try:
             done = subprocess.run(
@@ -115,7 +120,7 @@ def one_run(recipe: str, seed: int, speed: float, lay: Path | None, what: str, r
         wall_s = time.monotonic() - started
         witness.over.set()
         witness.join()
-    trial = Trial(recipe, what, seed, code, round(wall_s, 1))
+    trial = Trial(recipe, what, seed, code, round(wall_s, 1), cell=cell)
     results = [json.loads(line) for line in out.splitlines() if line.startswith("{")]
     result = next((r for r in results if r.get("event") == "result"), None)
     if result is None:
@@ -182,6 +187,7 @@ def main() -> int:
         "--twins", nargs="+", default=[], metavar="KIND",
         help="as-built twins instead, good and with these defects; all: every kind",
     )  # fmt: skip
+    parser.add_argument("--cell", default="", help="of recipes/cells: ur5e, genicam")
     parser.add_argument("--runs", type=Path, default=None)
     args = parser.parse_args()
     trials: list[Trial] = []
@@ -199,7 +205,7 @@ def main() -> int:
                 (recipe, args.first_seed + i, path, kind) for i, (kind, path) in enumerate(twins)
             ]
         for recipe, seed, lay, what in jobs:
-            trials.append(one_run(recipe, seed, args.speed, lay, what, runs))
+            trials.append(one_run(recipe, seed, args.speed, lay, what, runs, args.cell))
             note(asdict(trials[-1]))
     good = [t for t in trials if t.what in ("perfect", "as_built")]
     bad = [t for t in trials if t not in good]
