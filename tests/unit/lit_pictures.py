@@ -1,8 +1,8 @@
-"""Pictures under lamps by a small renderer of the tests' own: trimesh's rays, Lambert, shadows.
+"""Pictures under lamps by a small renderer of the tests' own: Lambert and shadows.
 
 Sight lines are undistorted here by fixed-point iteration, shading and shadows are written here
-too, so that a mistake of the controller's predictor is not made twice. 2 x 2 samples to a pixel,
-a little stray light, then blur, noise, eight bits.
+too, so that a mistake of the controller's predictor is not made twice. 2 x 2 samples to a pixel
+at edges, a little stray light, then blur, noise, eight bits.
 """
 
 from __future__ import annotations
@@ -15,10 +15,15 @@ import trimesh
 from numpy.typing import NDArray
 
 from controller.imaging import Camera, PointLamp
+from controller.imaging.rays import RayCaster
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
-SAMPLES = 2
+Flags = NDArray[np.bool_]
+Ids = NDArray[np.int32]
+SAMPLES = 2  # by 2, of a pixel that sees more than one surface
+NEIGHBOURS = np.ones((3, 3), np.uint8)
+STEP_MM, CREASE_DEG = 0.05, 8.0  # more is another surface; facets of round ones turn by less
 PART_GREY = 165.0  # a part's surface square to a lamp
 WALL_GREY = 110.0
 GLOW_GREY = 205.0
@@ -61,8 +66,9 @@ def sight_lines(camera: Camera, pixels: Array) -> Array:
 class Renderer:
     """One scene before one camera; the sight lines are cast once for all its lamps.
 
-    Only the part's surroundings are sampled finely, the rest on every eighth pixel; shadows fall on
-    the scene and on what is seen through it. The wall must fill the picture.
+    The part's surroundings are sampled at each pixel, and finely where neighbours see another
+    surface or another shadow; the rest on every eighth pixel. Shadows fall on the scene and on
+    what is seen through it. The wall must fill the picture.
     """
 
     def __init__(self, scene: Scene, camera: Camera, seed: int = 0) -> None:
@@ -70,59 +76,79 @@ class Renderer:
         self._rng = np.random.default_rng(seed)
         meshes = [scene.part] + ([scene.others] if scene.others is not None else [])
         self._mesh = trimesh.util.concatenate(meshes)
+        self._rays = RayCaster(self._mesh)
         self._wall = scene.wall_mm
         width, height = camera.size_px
         u, v = np.arange(0, width + 7, 8.0), np.arange(0, height + 7, 8.0)
-        lines = sight_lines(camera, np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
-        eye = camera.T_world_cam[:3, 3]
-        triangle = self._mesh.ray.intersects_first(np.broadcast_to(eye, lines.shape), lines)
-        self._coarse = _Samples(lines, triangle, eye, self._mesh, self._wall)
         self._coarse_shape = (len(v), len(u))
-        is_part = (triangle >= 0) & (triangle < len(scene.part.faces))
+        self._coarse = self._sampled(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
+        is_part = (self._coarse.triangle >= 0) & (self._coarse.triangle < len(scene.part.faces))
         rows, columns = np.nonzero(is_part.reshape(self._coarse_shape))
         x0, y0 = max(8 * columns.min() - 24, 0), max(8 * rows.min() - 24, 0)
         x1, y1 = min(8 * columns.max() + 25, width), min(8 * rows.max() + 25, height)
         self._box = (int(x0), int(y0), int(x1), int(y1))
-        step = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
-        u = (np.arange(x0, x1)[:, None] + step).ravel()
-        v = (np.arange(y0, y1)[:, None] + step).ravel()
-        lines = sight_lines(camera, np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
-        triangle = self._mesh.ray.intersects_first(np.broadcast_to(eye, lines.shape), lines)
-        self._fine = _Samples(lines, triangle, eye, self._mesh, self._wall)
+        u, v = np.arange(x0, x1, dtype=float), np.arange(y0, y1, dtype=float)
+        self._pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+        self._shape = (len(v), len(u))
+        self._middles = self._sampled(self._pixels)
         # shadows on the wall matter where it is seen through the part only
-        is_mesh = self._fine.is_mesh.reshape(len(v), len(u)).astype(np.uint8)
+        is_mesh = self._middles.is_mesh.reshape(self._shape).astype(np.uint8)
         outlines, _ = cv2.findContours(is_mesh, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         filled = cv2.drawContours(is_mesh.copy(), outlines, -1, 1, thickness=cv2.FILLED)
-        self._fine.is_shaded = filled.ravel() > 0
+        self._middles.is_shaded = filled.ravel() > 0
+        self._is_within = cv2.erode(filled, NEIGHBOURS).ravel() > 0
+        self._fine_at = np.flatnonzero(_beside(self._middles.steps(self._shape)))
+        self._fine = self._finely(self._fine_at)
+
+    def _sampled(self, pixels: Array) -> _Samples:
+        lines = sight_lines(self._camera, pixels)
+        eye = self._camera.T_world_cam[:3, 3]
+        triangle, _ = self._rays.first_hit(eye, lines)
+        return _Samples(lines, triangle, eye, self._mesh, self._wall)
+
+    def _finely(self, at: NDArray[np.intp]) -> _Samples:
+        """Samples of some of the pixels of the part's surroundings, those of a pixel in a row."""
+        step = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
+        steps = np.stack(np.meshgrid(step, step), axis=-1).reshape(1, -1, 2)
+        found = self._sampled((self._pixels[at][:, None] + steps).reshape(-1, 2))
+        found.is_shaded = found.is_mesh | np.repeat(self._is_within[at], SAMPLES**2)
+        return found
 
     def backlit(self) -> Grey:
         """The wall glows, what stands before it is dark."""
-        coarse, fine = (
-            np.where(samples.is_mesh, 0.0, GLOW_GREY) for samples in (self._coarse, self._fine)
+        coarse, middles, fine = (
+            np.where(samples.is_mesh, 0.0, GLOW_GREY)
+            for samples in (self._coarse, self._middles, self._fine)
         )
-        return self._expose(coarse, fine)
+        middles[self._fine_at] = _by_pixel(fine)
+        return self._expose(coarse, middles)
 
     def lit(self, lamp: PointLamp) -> Grey:
         """One lamp shines, as bright as `PART_GREY` on a surface square to it amid the scene."""
         middle = self._mesh.bounds.mean(axis=0)
-        fine, coarse = np.zeros(len(self._fine.points)), np.zeros(len(self._coarse.points))
+        near, coarse = np.zeros(len(self._pixels)), np.zeros(len(self._coarse.points))
         for position in lamp.points_mm:
             far = float(np.linalg.norm(position - middle))
-            fine += self._fine.light(position, far, self._mesh)
-            coarse += self._coarse.light(position, far, None)
-        each = 1 / len(lamp.points_mm)
-        fine *= each * np.where(self._fine.is_mesh, PART_GREY, WALL_GREY)
-        coarse *= each * np.where(self._coarse.is_mesh, PART_GREY, WALL_GREY)
-        return self._expose(coarse, fine)
+            light, is_shadow = self._middles.light(position, far, self._rays)
+            fine, _ = self._fine.light(position, far, self._rays)
+            light[self._fine_at] = _by_pixel(fine)
+            # a shadow ends here on one surface
+            ends = _beside(_differ(is_shadow.reshape(self._shape)))
+            ends[self._fine_at] = False
+            at = np.flatnonzero(ends)
+            fine, _ = self._finely(at).light(position, far, self._rays)
+            light[at] = _by_pixel(fine)
+            near += light
+            coarse += self._coarse.light(position, far, None)[0]
+        return self._expose(coarse / len(lamp.points_mm), near / len(lamp.points_mm))
 
-    def _expose(self, coarse: Array, fine: Array) -> Grey:
+    def _expose(self, coarse: Array, near: Array) -> Grey:
         width, height = self._camera.size_px
         v, u = np.mgrid[0:height, 0:width].astype(np.float32) / 8
         rough = coarse.reshape(self._coarse_shape).astype(np.float32)
         whole = cv2.remap(rough, u, v, cv2.INTER_LINEAR).astype(np.float64)
         x0, y0, x1, y1 = self._box
-        block = fine.reshape(y1 - y0, SAMPLES, x1 - x0, SAMPLES).mean(axis=(1, 3))
-        whole[y0:y1, x0:x1] = block
+        whole[y0:y1, x0:x1] = near.reshape(self._shape)
         whole = cv2.GaussianBlur(whole + STRAY_GREY, (0, 0), 0.7)
         whole += self._rng.normal(0.0, 1.8, whole.shape)
         return np.asarray(np.clip(np.round(whole), 0, 255), dtype=np.uint8)
@@ -132,8 +158,9 @@ class _Samples:
     """What sight lines meet: a triangle of the scene, or the wall behind."""
 
     def __init__(
-        self, lines: Array, triangle: Array, eye: Array, mesh: trimesh.Trimesh, wall_mm: Array
+        self, lines: Array, triangle: Ids, eye: Array, mesh: trimesh.Trimesh, wall_mm: Array
     ) -> None:
+        self.triangle = triangle
         self.is_mesh = triangle >= 0
         self.is_shaded = self.is_mesh
         a, b, _, d = wall_mm
@@ -149,26 +176,62 @@ class _Samples:
         at = triangle[self.is_mesh]
         normals, corner = mesh.face_normals[at], mesh.triangles[at, 0]
         seen = lines[self.is_mesh]
-        reach = ((corner - eye) * normals).sum(axis=1) / (seen * normals).sum(axis=1)
+        reach = _dot(corner - eye, normals) / _dot(seen, normals)
         self.points[self.is_mesh] = eye + reach[:, None] * seen
         self.normals[self.is_mesh] = normals
 
-    def light(self, position: Array, far_mm: float, mesh: trimesh.Trimesh | None) -> Array:
-        """Cosine, distance squared, and shadow of a mesh: of one point of light."""
+    def steps(self, shape: tuple[int, int]) -> tuple[Flags, Flags]:
+        """Whether the right, and the lower, neighbour's point is on another surface."""
+        points, normals = self.points.reshape(*shape, 3), self.normals.reshape(*shape, 3)
+
+        def differ(p: Array, n: Array, q: Array, m: Array) -> Flags:
+            is_step = np.abs(_dot(q - p, n)) > STEP_MM
+            return is_step | (_dot(n, m) < np.cos(np.radians(CREASE_DEG)))
+
+        return (
+            differ(points[:, :-1], normals[:, :-1], points[:, 1:], normals[:, 1:]),
+            differ(points[:-1], normals[:-1], points[1:], normals[1:]),
+        )
+
+    def light(self, position: Array, far_mm: float, rays: RayCaster | None) -> tuple[Array, Flags]:
+        """The grey levels that one point of light makes, and where a mesh is in its way.
+
+        Cosine, distance squared, and shadow.
+        """
         towards = position - self.points
-        distance = np.sqrt((towards * towards).sum(axis=1))
-        light = (towards * self.normals).sum(axis=1) / distance * (far_mm / distance) ** 2
+        distance = np.sqrt(_dot(towards, towards))
+        light = _dot(towards, self.normals) / distance * (far_mm / distance) ** 2
         light = np.maximum(light, 0.0)
-        if mesh is not None:
+        is_shadow = np.zeros(len(light), bool)
+        if rays is not None:
             lit = np.flatnonzero(self.is_shaded & (light > 0))
             start = self.points[lit] + 0.02 * self.normals[lit]
-            hit = mesh.ray.intersects_first(start, towards[lit])
-            struck = hit >= 0
-            normals, corner = mesh.face_normals[hit[struck]], mesh.triangles[hit[struck], 0]
-            reach = ((corner - start[struck]) * normals).sum(axis=1)
-            reach /= (towards[lit][struck] * normals).sum(axis=1)
-            light[lit[struck][reach < 1.0]] = 0.0  # before the lamp, not behind it
-        return light
+            is_shadow[lit] = rays.blocked(start, towards[lit])  # nothing stands behind a lamp
+            light[is_shadow] = 0.0
+        return light * np.where(self.is_mesh, PART_GREY, WALL_GREY), is_shadow
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("...i,...i->...", a, b))
+
+
+def _by_pixel(fine: Array) -> Array:
+    return np.asarray(fine.reshape(-1, SAMPLES**2).mean(axis=1))
+
+
+def _differ(values: Flags) -> tuple[Flags, Flags]:
+    return values[:, 1:] != values[:, :-1], values[1:] != values[:-1]
+
+
+def _beside(steps: tuple[Flags, Flags]) -> Flags:
+    """Pixels on both sides of steps to the right and down, and those next to them."""
+    right, down = steps
+    found = np.zeros((len(right), down.shape[1]), np.uint8)
+    found[:, :-1] |= right
+    found[:, 1:] |= right
+    found[:-1] |= down
+    found[1:] |= down
+    return np.asarray(cv2.dilate(found, NEIGHBOURS).ravel() > 0)
 
 
 def placed(mesh: trimesh.Trimesh, T: Array) -> trimesh.Trimesh:
