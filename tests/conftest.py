@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
-from scheduling import LongestFirst, is_quick, typical_seconds
+from scheduling import LongestFirst, is_drawn, is_quick, typical_seconds
 
 # an example takes as long as the machine is busy
 UNHURRIED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
@@ -35,13 +35,34 @@ OLD_ROUNDS = 1000  # collections of what is young for one of all there is
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="cellctl-tests-")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add what the gate draws its slow tests by."""
+    group = parser.getgroup("slow tests")
+    group.addoption(
+        "--slow-share", type=float, default=1.0, metavar="SHARE",
+        help="share of the slow tests that run, drawn (default: 1)",
+    )  # fmt: skip
+    group.addoption(
+        "--slow-seed", default="", metavar="TEXT", help="what they are drawn by (a commit)"
+    )
+
+
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of `pytest -m quick`: of files that take less than a second."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark the tests of `pytest -m quick`, and leave out the slow ones that are not drawn."""
     seconds = typical_seconds()
+    share, seed = config.getoption("slow_share"), config.getoption("slow_seed")
+    left_out = []
     for item in items:
         if is_quick(item.nodeid, (mark.name for mark in item.iter_markers()), seconds):
             item.add_marker("quick")
+        slow = item.get_closest_marker("slow")
+        if slow and not slow.kwargs.get("always") and not is_drawn(item.nodeid, seed, share):
+            left_out.append(item)
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
+        gone = set(left_out)
+        items[:] = [item for item in items if item not in gone]
 
 
 def pytest_collection_finish() -> None:

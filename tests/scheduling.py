@@ -1,4 +1,4 @@
-"""Which process runs which tests: whole files, the longest first.
+"""Which process runs which tests: whole files, the longest first. Which slow tests a gate runs.
 
 What the tests of a file share (a compiled part, a plan, a recorded run) is prepared by the process
 that runs them. A file whose tests go to two processes is prepared twice, so a file is a unit and
@@ -11,6 +11,7 @@ made once is held by `test_shared_work.py`.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sys
 from collections.abc import Iterable, Mapping
@@ -87,6 +88,12 @@ def is_quick(nodeid: str, marks: Iterable[str], seconds: Mapping[str, float]) ->
     """
     unit = unit_of(nodeid)
     return unit.startswith("unit/") and unit not in seconds and not SPECIAL & set(marks)
+
+
+def is_drawn(nodeid: str, seed: str, share: float) -> bool:
+    """Return whether a test is one of a share of all, drawn by its name and a seed."""
+    digest = hashlib.sha256(f"{seed} {nodeid}".encode()).digest()
+    return int.from_bytes(digest[:8], "big") < share * 2**64
 
 
 def short_files() -> list[str]:

@@ -21,11 +21,9 @@ SPEED = 10.0
 RECIPE, PART, CELL_SEED = "recipes/holder.yaml", "recipes/parts/holder.stl", 8
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize(
-    "way", [name if name == "terminal" else pytest.param(name, marks=pytest.mark.slow)
-            for name in WAYS],
-)  # fmt: skip
+@pytest.mark.parametrize("way", WAYS)
 def test_a_run_that_is_ended_halts_the_arm_and_leaves_a_report_and_no_process(
     way: str, tmp_path: Path
 ) -> None:

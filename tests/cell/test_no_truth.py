@@ -50,6 +50,7 @@ if _log and not _family(os.getpid()):
 '''
 
 
+@pytest.mark.slow(always=True)
 def test_the_controller_opens_nothing_but_its_files_and_its_devices(
     start: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

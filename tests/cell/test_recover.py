@@ -88,7 +88,7 @@ def in_both_hands(world: KillWorld) -> bool:
     return bool(world.truth()["parts"][0]["custody"] == "both")
 
 
-@pytest.mark.slow
+@pytest.mark.slow(always=True)
 @pytest.mark.timeout(900)
 def test_a_hand_off_that_was_killed_is_undone_and_the_part_ends_in_its_tray(
     tmp_path: Path,

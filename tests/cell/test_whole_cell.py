@@ -17,6 +17,7 @@ WAY = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow(always=True)
 def test_a_perfect_part_is_shown_whole_and_lies_in_the_accept_tray(
     start: Callable[..., Run],
 ) -> None:

@@ -105,7 +105,8 @@ def one_now(cases: Sequence[Case]) -> list[Any]:
     return [*(named(case, pytest.mark.slow) for case in cases[:-1]), named(cases[-1])]
 
 
-@pytest.mark.parametrize("case", one_now(POSITIONS_LOST))
+@pytest.mark.slow
+@pytest.mark.parametrize("case", POSITIONS_LOST, ids=lambda case: "{} {}".format(*case.fault))
 def test_after_a_lost_position_the_arm_homes_with_the_part_and_brings_it_to_its_tray(
     case: Case, tmp_path: Path
 ) -> None:

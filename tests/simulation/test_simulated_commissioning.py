@@ -177,7 +177,7 @@ def test_a_cell_without_a_watchdog_is_told_what_a_frozen_computer_does(tmp_path:
     [
         ("arm", "arm"),
         pytest.param("gripper", "gripper", marks=pytest.mark.slow),
-        ("io", "supply|estop|I/O|link"),
+        pytest.param("io", "supply|estop|I/O|link", marks=pytest.mark.slow),
     ],
 )
 def test_a_device_that_is_lost_half_way_is_named_and_nothing_is_lost(

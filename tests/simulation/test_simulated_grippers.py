@@ -203,6 +203,7 @@ def test_a_stop_between_touches_keeps_the_plate_and_names_it_at_the_next_start(
     tell(tmp_path, monkeypatch, story)
 
 
+@pytest.mark.slow
 def test_a_gripper_that_is_lost_half_way_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -248,9 +248,9 @@ FOLDED = [
     (92.0, 0.0),
     pytest.param(104.0, -40.0, marks=SLOW),
     pytest.param(110.0, 0.0, marks=SLOW),
-    (116.0, -58.0),
+    pytest.param(116.0, -58.0, marks=SLOW),
     (-116.0, 58.0),
-    (150.0, -80.0),
+    pytest.param(150.0, -80.0, marks=SLOW),
 ]
 
 

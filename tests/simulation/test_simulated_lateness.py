@@ -5,11 +5,12 @@ import pytest
 from simulation.case import Case, run_case
 from simulation.cell import Scene
 
+SLOW = pytest.mark.slow
 SEED = 11
 LATE = Scene(watchdog_s=1.0, may_be_late=True)
 
 
-@pytest.mark.parametrize("state", ["presenting", "handing"])
+@pytest.mark.parametrize("state", ["presenting", pytest.param("handing", marks=SLOW)])
 def test_a_controller_that_is_a_little_late_ends_nothing(state: str) -> None:
     ended = run_case(Case(SEED, scene=LATE, fault=("controller late by 0.5 s", state)))
     assert any("late by 0.5 s at" in what for what in ended.caused)
@@ -21,10 +22,9 @@ def test_a_controller_that_is_a_little_late_ends_nothing(state: str) -> None:
     ("state", "late"),
     [
         ("resetting", "controller late by 2 s"),
-        ("presenting", "controller late by 2 s"),
-        ("presenting", "controller late by 8 s"),
-        pytest.param("handing", "controller late by 8 s", marks=pytest.mark.slow),
-        pytest.param("placing", "controller late by 8 s", marks=pytest.mark.slow),
+        pytest.param("presenting", "controller late by 8 s", marks=SLOW),
+        pytest.param("handing", "controller late by 8 s", marks=SLOW),
+        pytest.param("placing", "controller late by 8 s", marks=SLOW),
     ],
 )
 def test_a_controller_that_is_late_finds_the_motors_without_supply_and_stops(

@@ -89,7 +89,9 @@ def test_a_whole_run_tells_its_part_once_and_ends_with_all_off(tmp_path: Path) -
     assert last == ""
 
 
-@pytest.mark.parametrize("state", ["inspecting", "completing"])
+@pytest.mark.parametrize(
+    "state", ["inspecting", pytest.param("completing", marks=pytest.mark.slow)]
+)
 def test_a_run_that_is_killed_leaves_no_output_on_for_longer_than_the_watchdog(
     tmp_path: Path, state: str
 ) -> None:

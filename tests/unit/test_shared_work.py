@@ -10,7 +10,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from scheduling import GROUPS, is_quick, typical_seconds, unit_of
+from scheduling import GROUPS, is_drawn, is_quick, typical_seconds, unit_of
 
 ROOT = Path(__file__).parents[2]
 TEST_COUNT = 8
@@ -113,3 +113,61 @@ def test_quick_tests_are_of_short_files_and_ask_for_nothing_special() -> None:
         ("tests/cross/test_line.py::test_it", []),
     ):
         assert not is_quick(nodeid, marks, SECONDS), nodeid
+
+
+SLOW = """
+import pytest
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(200))
+def test_drawn(number):
+    pass
+
+@pytest.mark.slow(always=True)
+@pytest.mark.parametrize("number", range(10))
+def test_in_each_gate(number):
+    pass
+
+@pytest.mark.parametrize("number", range(20))
+def test_unmarked(number):
+    pass
+"""
+
+
+def chosen(folder: Path, *options: str) -> set[str]:
+    """Return the tests that pytest chooses of some slow ones and others."""
+    for name in ("pyproject.toml", "tests/conftest.py", "tests/scheduling.py"):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, folder / name)
+    (folder / "tests" / "data").mkdir(exist_ok=True)
+    (folder / "tests" / "data" / "typical_seconds.json").write_text("{}")
+    (folder / "tests" / "test_slow.py").write_text(SLOW)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-n", "0", "--collect-only", *options],
+        cwd=folder, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return {line for line in done.stdout.splitlines() if "::" in line}
+
+
+def test_a_gate_draws_a_quarter_of_the_slow_tests_and_runs_some_always(tmp_path: Path) -> None:
+    share = ("-m", "slow", "--slow-share", "0.25", "--slow-seed")
+    gates = [chosen(tmp_path, *share, seed) for seed in ("one", "two", "one")]
+    assert gates[0] == gates[2]
+    drawn = [{name for name in gate if "test_drawn" in name} for gate in gates]
+    # of 200 with a share of 0.25: within four standard deviations of the mean
+    assert all(25 < len(names) < 75 for names in drawn)
+    assert drawn[0] != drawn[1]
+    for gate, names in zip(gates, drawn, strict=True):
+        assert {name.partition("::")[2].partition("[")[0] for name in gate - names} == {
+            "test_in_each_gate"
+        }
+        assert len(gate - names) == 10
+    assert len(chosen(tmp_path, "-m", "slow")) == 210
+    assert len(chosen(tmp_path, *share[2:], "one")) == 20
+
+
+def test_each_slow_test_is_drawn_in_a_quarter_of_all_gates() -> None:
+    for nodeid in ("tests/cell/test_ends.py::test_a", "tests/unit/test_cad_step.py::test_b[x]"):
+        gates = sum(is_drawn(nodeid, str(seed), 0.25) for seed in range(1600))
+        assert 330 < gates < 470  # four standard deviations of 17 about 400
+    assert all(is_drawn("tests/unit/test_a.py::test", str(seed), 1.0) for seed in range(100))
