@@ -19,7 +19,6 @@ from controller.imaging import (
     transform,
 )
 
-from ._connected import grow
 from ._pose import PosedPart
 from ._types import ViewTask, WorldBox
 from .limits import FLATTEST_COS, POSE_SPREADS
@@ -31,9 +30,6 @@ FINGER_MM: Final = 0.46
 BORDER_PX: Final = 2.0  # blur of its edge, and the raster of its mask
 MASK_STEP_PX: Final = 2
 UNIT_BOX: Final = trimesh.creation.box()  # of side 1, about the origin
-BOX_TRIANGLES: Final = len(UNIT_BOX.faces)  # of a box's mesh, in the order of the boxes
-# A gripper farther behind the part's surface than this is not in front of it.
-BEHIND_MM: Final = 2.0
 SPOT_RADIUS_MM: Final = 25.0  # assumed radius of a lamp that is given as one point
 RING_SPREAD: Final = 0.12  # spread of a ring lamp's radius, as a share
 # Offset of shadow rays from the surface, so that it does not shadow itself.
@@ -47,7 +43,7 @@ class ViewScene:
     Attributes
     ----------
     holder : ray casting against gripper and arm, world; None where nothing holds the part
-    holder_mask : (height, width) mask of them, grown by their margins
+    holder_mask : (height, width) mask of pixels that may show them
     panel : (height, width) mask of the backlight panel in sight, shrunk
     boxes : of gripper and arm
     margins_px : of each box, what its place and shape may be off in the picture
@@ -117,11 +113,11 @@ def make_scene(task: ViewTask) -> ViewScene:
     pixel_mm = task.camera.mm_per_px(task.T_world_part_expected[:3, 3])
     margin = margin_px(float(np.hypot(GRIPPER_MM, FINGER_MM)) / pixel_mm)
     scene = with_boxes(scene, task.holder, (margin,) * len(task.holder), pixel_mm)
-    assert scene.holder is not None
+    assert scene.wide is not None
     # With a margin of nine pixels, every fourth pixel is enough.
-    maps = render_maps(scene.holder, np.eye(4), task.camera, (0, 0, width, height), step_px=4)
+    maps = render_maps(scene.wide, np.eye(4), task.camera, (0, 0, width, height), step_px=4)
     coarse = np.repeat(np.repeat(maps.mask, 4, axis=0), 4, axis=1)[:height, :width]
-    return replace(scene, holder_mask=grow(coarse, margin))
+    return replace(scene, holder_mask=coarse)
 
 
 def with_boxes(
@@ -149,10 +145,10 @@ def with_boxes(
 
 
 def before_part(scene: ViewScene, maps: ViewMaps, camera: Camera) -> ViewScene:
-    """Return a scene with the gripper masked only where it is in front of the part.
+    """Return a scene with the gripper masked on the part only where it may be in front of it.
 
-    A finger behind the part hides none of the part's face; beside the part and through its holes it
-    remains in the mask.
+    A gripper behind the part hides none of the part's face, wherever beside its place it stands.
+    Beside the part and through its holes it remains in the mask.
 
     Parameters
     ----------
@@ -160,20 +156,15 @@ def before_part(scene: ViewScene, maps: ViewMaps, camera: Camera) -> ViewScene:
     maps : predicted picture of the part at its measured pose
     camera : camera of the view
     """
-    if scene.holder is None:
+    if scene.wide is None:
         return scene
     x0, y0, x1, y1 = maps.roi
-    held = render_maps(scene.holder, np.eye(4), camera, maps.roi, step_px=MASK_STEP_PX)
-    depth_mm = maps.depth_mm[::MASK_STEP_PX, ::MASK_STEP_PX]
-    seen = maps.mask[::MASK_STEP_PX, ::MASK_STEP_PX]
-    front = held.mask & ~(seen & (held.depth_mm > depth_mm + BEHIND_MM))
-    box = np.where(front, held.triangle // BOX_TRIANGLES, -1)
-    grown = np.zeros((y1 - y0, x1 - x0), dtype=bool)
-    for number in np.unique(box[front]):
-        fine = np.repeat(np.repeat(box == number, MASK_STEP_PX, axis=0), MASK_STEP_PX, axis=1)
-        grown |= grow(fine[: y1 - y0, : x1 - x0], scene.margins_px[number])
+    held = render_maps(scene.wide, np.eye(4), camera, maps.roi, step_px=MASK_STEP_PX)
+    coarse_mm = np.where(held.mask, held.depth_mm, np.inf)
+    fine_mm = np.repeat(np.repeat(coarse_mm, MASK_STEP_PX, axis=0), MASK_STEP_PX, axis=1)
     mask = scene.holder_mask.copy()
-    mask[y0:y1, x0:x1] = grown
+    farthest_mm = np.where(maps.mask, maps.depth_mm, np.inf)
+    mask[y0:y1, x0:x1] = fine_mm[: y1 - y0, : x1 - x0] < farthest_mm
     return replace(scene, holder_mask=mask)
 
 
@@ -248,5 +239,8 @@ def samples_in_sight(
     if scene.holder is not None:
         hidden |= scene.holder.blocked(start[index], unit[index])
     seen[index[hidden]] = False
-    x, y = np.clip(pixels, 0, [width - 1, height - 1]).T
-    return Visibility(seen, seen & scene.holder_mask[y, x], pixels)
+    beside = np.zeros_like(seen)
+    if scene.wide is not None:
+        index = np.nonzero(seen)[0]
+        beside[index] = scene.wide.blocked(start[index], unit[index])
+    return Visibility(seen, beside, pixels)

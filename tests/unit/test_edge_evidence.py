@@ -182,9 +182,9 @@ def test_a_bore_that_is_no_through_bore_is_not_shown(plug: Body) -> None:
 
 
 def half_covered(T_world_part: Array) -> tuple[WorldBox, ...]:
-    """A finger over half of the bore's front, x from -11 to -3."""
+    """A finger over nearly half of the bore's front, x from -10.5 to -2.5."""
     at = np.eye(4)
-    at[:3, 3] = -7.0, 32.0, 17.0
+    at[:3, 3] = -6.5, 32.0, 17.0
     return (WorldBox(T_world_part @ at, np.array((4.0, 34.0, 3.0))),)
 
 

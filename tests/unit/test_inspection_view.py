@@ -423,14 +423,24 @@ def test_what_is_beside_the_hand_is_neither_judged_nor_counted_as_seen() -> None
         inside &= away > nearest.min() - 1.0
         assert inside.sum() > 5
         assert not result.compared[inside].any()
-    # the same view without a hand shows more
-    T = FRONT
-    bare = inspect_view(part(), samples(), task(T, ()), photograph(perfect(), T, ()))
-    assert bare.evaluated
-    assert bare.findings == ()
-    assert bare.in_sight.sum() > result.in_sight.sum()
+
+
+def test_fingers_before_a_face_take_what_is_beside_them_and_fingers_behind_it_nothing() -> None:
+    nearer = FRONT.copy()
+    nearer[:3, 3] += 10.0 * FRONT[:3, 2]  # the fingers' front from 6 mm behind the face to 4 before
+    hands = {"none": (), "behind": hand(FRONT), "before": hand(nearer)}
+    views = {
+        where: inspect_view(
+            part(), samples(), task(FRONT, boxes), photograph(perfect(), FRONT, boxes)
+        )
+        for where, boxes in hands.items()
+    }
+    assert all(view.evaluated and view.findings == () for view in views.values())
+    in_sight = {where: int(view.in_sight.sum()) for where, view in views.items()}
+    assert in_sight["none"] == in_sight["behind"] > in_sight["before"]
     # a face's own scatter is another one where more of it is in sight
-    assert (result.compared & ~bare.compared).sum() <= 0.02 * bare.compared.sum()
+    more = views["before"].compared & ~views["none"].compared
+    assert more.sum() <= 0.02 * views["none"].compared.sum()
 
 
 def test_a_defect_behind_a_finger_is_not_judged_and_not_seen() -> None:

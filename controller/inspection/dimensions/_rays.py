@@ -205,13 +205,15 @@ def with_visibility(
         (rising > 0)[:, None], _flat_px(inner, cosine[:, half - 1 :: -1]),
         _flat_px(outer, cosine[:, half:]),
     ).max(axis=1)  # fmt: skip
-    is_panel = _on_panel(scene, at.reshape(-1, 2)).reshape(at.shape[:2]).all(axis=1)
+    is_panel = _on(scene.panel, at).all(axis=1)
+    # a gripper behind an outline may shine like the part, and have its own outline there
+    is_plain = ~(_on(scene.holder_mask, rays.pixels[index]) & (face == NONE).any(axis=1))
     last = int(np.flatnonzero(BESIDE_PX <= NEAR_PX)[-1])
     ignored = ~known | (BESIDE_PX > NEAR_PX)
     alike = [((side == side[:, last : last + 1]) | ignored).all(axis=1) for side in (inner, outer)]
-    lit = alike[0] & alike[1] & (inner[:, last] != outer[:, last])
+    lit = is_plain & alike[0] & alike[1] & (inner[:, last] != outer[:, last])
     values = {name: getattr(rays, name).copy() for name in rays.__slots__}
-    values["rising"][index] = np.where(is_panel, rising, 0.0)
+    values["rising"][index] = np.where(is_panel & is_plain, rising, 0.0)
     values["shows_lit"][index] = lit
     values["wall_px"][index] = np.where(rising != 0, flat, 0.0)
     shows = np.flatnonzero((rising != 0) | lit)
@@ -311,8 +313,6 @@ def _is_clear(
     inside = ((rays.pixels > reach) & (rays.pixels < [width - 1 - reach, height - 1 - reach])).all(
         axis=1
     )
-    x, y = np.clip(np.round(rays.pixels).astype(np.intp), 0, [width - 1, height - 1]).T
-    clear: BoolArray = inside & ~scene.holder_mask[y, x]
     eye = transform(inverse_pose(T_world_part), camera.position_mm[None])[0]
     pixel_mm = camera.mm_per_px(transform(T_world_part, rays.points_mm[:1])[0])
     facet = np.array([curve.facet_mm for curve in curves])[rays.curve]
@@ -320,7 +320,11 @@ def _is_clear(
     out = np.concatenate([curve.out for curve in curves])
     towards = rays.points_mm + off[:, None] * out - eye
     _, met = part.caster.first_hit(eye, towards)
-    return np.asarray(clear & (met >= 1.0))
+    clear: BoolArray = inside & (met >= 1.0)
+    if scene.wide is not None:
+        points = transform(T_world_part, rays.points_mm[clear])
+        clear[clear] = ~scene.wide.blocked(points, camera.position_mm - points, 1.0)
+    return clear
 
 
 def _seen(
@@ -338,10 +342,11 @@ def _seen(
     return face, np.where(met, cosine, 1.0)
 
 
-def _on_panel(scene: ViewScene, pixels: FloatArray) -> BoolArray:
-    height, width = scene.panel.shape
-    x, y = np.clip(np.round(pixels).astype(np.intp), 0, [width - 1, height - 1]).T
-    return np.asarray(scene.panel[y, x])
+def _on(mask: BoolArray, pixels: FloatArray) -> BoolArray:
+    """Return which pixels (..., 2) of a picture are in a mask (height, width)."""
+    height, width = mask.shape
+    at = np.clip(np.round(pixels).astype(np.intp), 0, [width - 1, height - 1])
+    return np.asarray(mask[at[..., 1], at[..., 0]])
 
 
 def _projection(world_mm: FloatArray, camera: Camera) -> FloatArray:

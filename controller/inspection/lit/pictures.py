@@ -174,10 +174,12 @@ class LitPictures:
         """Edges of the part in sight, off the gripper."""
         edges = predict_edges(self._part.edges, self._fit.T_world_part, self._task.camera)
         width, height = self._task.camera.size_px
-        x, y = np.round(edges.pixels).astype(int).T
-        inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
-        free = inside.copy()
-        free[inside] = ~self._scene.holder_mask[y[inside], x[inside]]
+        free = np.ones(len(edges.pixels), dtype=bool)
+        for side_px in (-STEP_PX, STEP_PX):  # what is behind an outline is beside the part
+            x, y = np.round(edges.pixels + side_px * edges.normals).astype(int).T
+            inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+            free &= inside
+            free[inside] &= ~self._scene.holder_mask[y[inside], x[inside]]
         return replace(
             edges,
             points_mm=edges.points_mm[free],

@@ -13,8 +13,8 @@ from controller.imaging import inverse_pose, transform
 from ..geometry import Box
 from ..model import Grasp, Jaw
 
-# Inspection compares nothing within nine pixels of the arm gripper (inspection/_scene.py), 1.7 mm
-# at the station; a plan that counted that strip as shown would leave it uninspected.
+# Inspection compares nothing that the arm gripper would hide if it were nine pixels larger on all
+# sides (inspection/_scene.py), 1.7 mm at the station; a plan that counted that would leave it open.
 FINGER_SHADOW_MM = 2.0
 _MIN_STEP_MM = np.float32(1e-5)
 
