@@ -15,8 +15,8 @@ import trimesh
 from data_files import PICTURES, listed_parts, part_file, true_pictures
 from numpy.typing import NDArray
 
-from controller.cad import load_solid, sample_surface
-from controller.cad.compiled import CompiledPart, compile_solid
+from controller.cad import sample_surface
+from controller.cad.compiled import CompiledPart, load_part
 from controller.imaging import Camera, inverse_pose, transform
 from controller.recognition import Library, Sighting, make_library, recognise
 
@@ -48,7 +48,7 @@ def camera() -> Camera:
 
 @cache
 def parts() -> tuple[CompiledPart, ...]:
-    return tuple(compile_solid(load_solid(part_file(p["stl"]))) for p in listed_parts())
+    return tuple(load_part(part_file(p["stl"])) for p in listed_parts())
 
 
 @cache

@@ -12,7 +12,7 @@ import pytest
 import shapely
 
 from controller.cad import Solid
-from controller.cad.compiled import compile_solid, load_part
+from controller.cad.compiled import CompiledPart, load_part
 from controller.cad.views import line_view
 from controller.cell.journal.rows import CharacteristicFields
 from controller.cell.services.records import measured_row
@@ -42,11 +42,11 @@ def changed(one: CharacteristicFields, **values: object) -> CharacteristicFields
     return one.model_copy(update=values)
 
 
-def reports_of(solid: Solid) -> tuple[CharacteristicFields, ...]:
+def reports_of(part: CompiledPart) -> tuple[CharacteristicFields, ...]:
     """Return all that is asked of a part without a recipe, as a report of a run has it."""
     made = [
         Measured(c, None, None, Verdict.NOT_EVALUATED, (), "no picture")
-        for c in derive(compile_solid(solid))
+        for c in derive(part)
     ]
     fold = PartFold(1)
     fold.take(measured_row(made))
@@ -97,8 +97,8 @@ def solid() -> Solid:
 
 @pytest.fixture(scope="module", params=PARTS)
 def drawn(request: pytest.FixtureRequest) -> tuple[Solid, tuple[CharacteristicFields, ...]]:
-    part = load_part(part_file(request.param)).solid
-    return part, reports_of(part)
+    part = load_part(part_file(request.param))
+    return part.solid, reports_of(part)
 
 
 def test_no_leaders_of_real_parts_cross_and_all_balloons_are_on_the_paper(
