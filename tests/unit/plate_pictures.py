@@ -97,14 +97,14 @@ def pose(tilt_deg: float = 0.0, about_deg: float = 0.0, turn_deg: float = 7.0) -
     return T
 
 
-def _hits(plate: Plate, T: FloatArray, fine: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return per fine pixel whether light passes the plate, whether its top face is met first, and
-    whether it goes into a bore."""
-    width, height = SIZE_PX
+def _met(
+    plate: Plate, T: FloatArray, x: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return of points of the picture whether light passes the plate there, and whether its top
+    face is met first.
+    """
     eye_cam = np.linalg.inv(T) @ np.array([0, 0, DISTANCE_MM, 1.0])
-    x = (np.arange(width * fine) + 0.5) / fine - 0.5
-    y = (np.arange(height * fine) + 0.5) / fine - 0.5
-    u, v = np.meshgrid((x - 318.4) / FOCAL_PX, (y - 257.9) / FOCAL_PX)
+    u, v = (x - 318.4) / FOCAL_PX, (y - 257.9) / FOCAL_PX
     R = T[:3, :3].T
     # the camera looks down: x right, y down, z along the view
     d = [R[k, 0] * u - R[k, 1] * v - R[k, 2] for k in range(3)]
@@ -128,7 +128,30 @@ def _hits(plate: Plate, T: FloatArray, fine: int) -> tuple[np.ndarray, np.ndarra
         passes |= inside[0] & inside[1]
         into |= inside[0]
     on_top = (np.abs(at_top[0]) < plate.length / 2) & (np.abs(at_top[1]) < plate.width / 2) & ~into
-    return passes, on_top, into
+    return passes, on_top
+
+
+def _hits(plate: Plate, T: FloatArray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `_met` says of each fine pixel.
+
+    A pixel is looked at finely if it or a neighbour has corners that differ: no edge is shorter.
+    """
+    width, height = SIZE_PX
+    met = _met(plate, T, *np.meshgrid(np.arange(width + 1) - 0.5, np.arange(height + 1) - 0.5))
+    differs = np.zeros((height, width), bool)
+    for flags in met:
+        for corner in (flags[1:, :-1], flags[:-1, 1:], flags[1:, 1:]):
+            differs |= corner != flags[:-1, :-1]
+    rows, columns = np.nonzero(cv2.dilate(differs.astype(np.uint8), np.ones((3, 3), np.uint8)))
+    steps = (np.arange(FINE) + 0.5) / FINE - 0.5
+    x = np.broadcast_to((columns[:, None] + steps)[:, None, :], (len(rows), FINE, FINE))
+    y = np.broadcast_to((rows[:, None] + steps)[:, :, None], (len(rows), FINE, FINE))
+    answer = []
+    for flags, fine in zip(met, _met(plate, T, x, y), strict=True):
+        whole = np.repeat(np.repeat(flags[:-1, :-1], FINE, axis=0), FINE, axis=1)
+        whole.reshape(height, FINE, width, FINE)[rows, :, columns, :] = fine
+        answer.append(whole)
+    return answer[0], answer[1]
 
 
 def _seen(levels: np.ndarray, psf: float, noise: float, seed: int) -> Grey:
@@ -143,9 +166,9 @@ def pictures(
     plate: Plate, T: FloatArray, psf: float = 0.8, noise: float = 1.5, seed: int = 3
 ) -> ViewPictures:
     """A backlit picture, and one under a lamp that lights the top face alone."""
-    passes, on_top, _ = _hits(plate, T, FINE)
-    backlit = np.where(passes, PANEL, PART)
-    lit = np.where(on_top, FACE, np.where(passes, GROUND, HOLE))
+    passes, on_top = _hits(plate, T)
+    backlit = np.where(passes, np.float32(PANEL), np.float32(PART))
+    lit = np.where(on_top, np.float32(FACE), np.where(passes, np.float32(GROUND), np.float32(HOLE)))
     return ViewPictures(
         _seen(backlit, psf, noise, seed), {"ring": _seen(lit, psf, noise, seed + 1)}
     )
