@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -33,6 +34,8 @@ NAMES = ("ready", "busy", "result_valid", "accept", "reject", "fault")
 SIGNALS = tuple(OutputChannel(name, number) for number, name in enumerate(NAMES))
 # nothing gets stale while a test looks elsewhere
 LAZY = IoConfig(outputs=SIGNALS, poll_s=0.1, stale_s=50.0)
+# half a second of a wall clock, where that is what is waited for
+SOON_STALE = replace(LAZY, stale_s=5.0)
 
 
 def e1214(model: str = "E1214") -> Map:
@@ -346,7 +349,7 @@ async def test_a_silent_block_makes_all_signals_unknown_before_its_time_out_is_o
 
 async def test_a_cut_connection_makes_all_unknown_and_polling_recovers() -> None:
     bus = Bus({1: e1214().answer})
-    async with io_on(bus, clock=IMPATIENT) as (io, changes):
+    async with io_on(bus, SOON_STALE, clock=IMPATIENT) as (io, changes):
         await io.wait_for("estop_ok", Signal.OK)
         changes.clear()
         bus.silent_units.add(1)
@@ -361,7 +364,7 @@ async def test_a_cut_connection_makes_all_unknown_and_polling_recovers() -> None
 async def test_an_exception_makes_all_unknown() -> None:
     block = e1214()
     bus = Bus({1: block.answer})
-    async with io_on(bus) as (io, _):
+    async with io_on(bus, SOON_STALE) as (io, _):
         await io.wait_for("estop_ok", Signal.OK)
         del block.discrete[5]
         await io.wait_for("estop_ok", Signal.UNKNOWN)
@@ -412,7 +415,7 @@ async def test_a_reading_that_got_old_is_unknown_even_if_the_poller_hangs() -> N
 async def test_after_the_block_was_away_its_relays_are_asked_for_before_switching() -> None:
     block = e1214()
     bus = Bus({1: block.answer})
-    async with io_on(bus, clock=IMPATIENT) as (io, _):
+    async with io_on(bus, SOON_STALE, clock=IMPATIENT) as (io, _):
         await io.set_outputs({"fault": True})
         await io.wait_for("estop_ok", Signal.OK)
         bus.silent_units.add(1)

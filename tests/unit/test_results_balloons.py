@@ -44,10 +44,7 @@ def changed(one: CharacteristicFields, **values: object) -> CharacteristicFields
 
 def reports_of(part: CompiledPart) -> tuple[CharacteristicFields, ...]:
     """Return all that is asked of a part without a recipe, as a report of a run has it."""
-    made = [
-        Measured(c, None, None, Verdict.NOT_EVALUATED, (), "no picture")
-        for c in derive(part)
-    ]
+    made = [Measured(c, None, None, Verdict.NOT_EVALUATED, (), "no picture") for c in derive(part)]
     fold = PartFold(1)
     fold.take(measured_row(made))
     return fold.characteristics
