@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -38,9 +40,16 @@ def lines_of(text: str) -> list[dict[str, Any]]:
     return [from_said(json.loads(line)) for line in text.splitlines()]
 
 
-def test_the_last_line_is_the_verdict(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code = main(["inspect", str(folder / "SET.json"), "--json"])
-    lines = lines_of(capsys.readouterr().out)
+@pytest.fixture(scope="module")
+def answer(stored: Path) -> tuple[int, list[dict[str, Any]]]:
+    """The exit code and lines for the set as it is."""
+    with redirect_stdout(io.StringIO()) as out:
+        code = main(["inspect", str(stored / "SET.json"), "--json"])
+    return code, lines_of(out.getvalue())
+
+
+def test_the_last_line_is_the_verdict(answer: tuple[int, list[dict[str, Any]]]) -> None:
+    code, lines = answer
     assert [line["event"] for line in lines].count("verdict") == 1
     end = lines[-1]
     assert set(end) == {
@@ -52,9 +61,8 @@ def test_the_last_line_is_the_verdict(folder: Path, capsys: pytest.CaptureFixtur
     assert 0 < end["covered_fraction"] < 0.9
 
 
-def test_every_face_is_accounted_for(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["inspect", str(folder / "SET.json"), "--json"])
-    lines = lines_of(capsys.readouterr().out)
+def test_every_face_is_accounted_for(answer: tuple[int, list[dict[str, Any]]]) -> None:
+    _, lines = answer
     faces = [line for line in lines if line["event"] == "face"]
     assert [face["face"] for face in faces] == list(range(len(faces)))
     area_mm2 = sum(face["area_mm2"] for face in faces)
@@ -152,9 +160,10 @@ def test_a_wrong_file_is_named(folder: Path, name: str, capsys: pytest.CaptureFi
     assert "bug" not in printed.err
 
 
-def test_three_equal_channels_are_grey(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["inspect", str(folder / "SET.json"), "--json"])
-    before = lines_of(capsys.readouterr().out)
+def test_three_equal_channels_are_grey(
+    answer: tuple[int, list[dict[str, Any]]], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, before = answer
     for path in folder.glob("*.png"):
         cv2.imwrite(str(path), cv2.cvtColor(cv2.imread(str(path), -1), cv2.COLOR_GRAY2BGR))
     main(["inspect", str(folder / "SET.json"), "--json"])
@@ -235,6 +244,8 @@ def test_a_full_disk_loses_no_verdict_and_no_earlier_report(folder: Path) -> Non
     report = folder / "out" / "part.html"
     report.parent.mkdir()
     report.write_text("the report of before", encoding="utf-8")
+    one = view_sets.tree()
+    (folder / "SET.json").write_text(json.dumps(one | {"views": one["views"][:1]}))
     # the file may not grow beyond what a full disk would take; checks before work need 4 KiB
     limited = (
         "import resource, sys; from controller.cli import main; "
