@@ -271,7 +271,7 @@ def test_photographs_under_lamps_say_which_one_is_in_the_hand(truth: int, seed: 
     body = placed(real.solid.mesh, tcp_pose(LAYOUT, q) @ real.T_tcp_part)
     boxes = Scene(LAYOUT, OPENING_MM, 0.0).arm_boxes(q)
     others = [trimesh.creation.box(extents=2 * b.half_mm, transform=b.T) for b in boxes]
-    panel = np.array([[150.0, 250, 280], [550, 250, 280], [550, 250, 620], [150, 250, 620]])
+    panel = np.array([[50.0, 250, 180], [650, 250, 180], [650, 250, 720], [50, 250, 720]])
     shots = Renderer(
         Pictured(body, trimesh.util.concatenate(others), panel), LAYOUT.inspection, seed
     )
