@@ -57,6 +57,30 @@ def test_a_part_goes_from_the_table_to_its_tray_in_about_the_time_forecast(tmp_p
     assert run.around.seconds[TimeUse.HOMING] > 10.0
 
 
+SHEET = """unit: mm
+part:
+  union:
+    - block: {from: [0, 0, 0], to: [52, 40, 1.5]}
+    - block: {from: [0, 0, 0], to: [1.5, 40, 30]}
+"""
+
+
+@pytest.mark.slow
+def test_a_bent_sheet_is_held_though_its_jaws_are_nearly_closed(tmp_path: Path) -> None:
+    (tmp_path / "sheet.csg.yaml").write_text(SHEET, encoding="utf-8")
+    recipe = "name: sheet\npart: sheet.csg.yaml\ndensity_g_cm3: 2.7\n"
+    (tmp_path / "sheet.yaml").write_text(recipe, encoding="utf-8")
+    ended = run_case(Case(3, Scene(str(tmp_path / "sheet"))), tmp_path / "cell")
+    assert ended.ends == ["complete"]
+    assert ended.truth["tray"] == "accept"
+    assert ended.violations == []
+    rows = list(read_rows(tmp_path / "cell" / JOURNAL_NAME))
+    held = [row.body["held_mm"] for row in rows if row.name == "hold_pressed"]
+    assert held
+    assert max(held) < 3.0
+    assert [row for row in rows if row.name == "recovery"] == []
+
+
 @pytest.mark.slow
 def test_a_part_goes_to_its_tray_with_a_persons_word_for_every_motion(tmp_path: Path) -> None:
     ended = run_case(Case(3, PART, is_stepwise=True), tmp_path / "cell")

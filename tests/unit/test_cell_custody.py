@@ -19,6 +19,7 @@ from controller.cell.custody import (
     read_folded,
 )
 from controller.cell.custody.openings import Occupancy, Opening, judge_arm, judge_fixed
+from controller.cell.custody.release_guard import least_held_mm
 from controller.cell.custody.start_check import PartMayBeHeldError, require_empty_grippers
 from controller.cell.journal import Journal, Row, read_rows
 from controller.cell.journal.rows import RunBegan
@@ -368,3 +369,10 @@ def test_a_joint_path_that_was_cut_off_changes_nothing_of_custody() -> None:
     rows[-1].body["effect_class"] = "absolute"
     assert folded(rows) == set()
     assert folded(rows_of("on_table", "+follow_path")) == {ARM, FIXED}  # of no class: as ever
+
+
+@pytest.mark.parametrize("gripped_mm", [0.8, 1.5, 2.0, 3.0, 5.0, 60.0])
+def test_empty_jaws_are_told_from_any_part_and_a_thin_one_from_none(gripped_mm: float) -> None:
+    # pads give a little, and readings scatter: a tenth of a millimetre of a thin part
+    assert least_held_mm(gripped_mm) < gripped_mm - min(0.1 * gripped_mm, 1.0)
+    assert least_held_mm(gripped_mm) > 0.2  # a calibrated zero is known to less

@@ -14,7 +14,20 @@ from ..errors import ReleaseRefusedError
 from .fold import Custody
 
 LOST_MM: Final = 1.5  # jaws that close by more than this while carrying have lost the part
-NOTHING_MM: Final = 3.0  # jaws this close to each other hold nothing
+NOTHING_MM: Final = 3.0  # jaws this close to each other hold nothing, unless a thin part is known
+# Of a thin part the least share of its thickness at which jaws may stand and still have it. Empty
+# jaws stand at 0, off by what their zero is off.
+THIN_SHARE: Final = 0.5
+
+
+def least_held_mm(gripped_mm: float) -> float:
+    """Return the least opening at which jaws still have a part [mm].
+
+    Parameters
+    ----------
+    gripped_mm : opening at which they gripped it
+    """
+    return max(gripped_mm - LOST_MM, min(NOTHING_MM, THIN_SHARE * gripped_mm))
 
 
 class ReleaseGuard:
@@ -85,7 +98,7 @@ class ReleaseGuard:
             )
         if custody is Custody.IN_BOTH:
             arm_mm = await self._arm.read_opening_mm()
-            if arm_mm < max(NOTHING_MM, gripped_mm - LOST_MM):
+            if arm_mm < least_held_mm(gripped_mm):
                 raise ReleaseRefusedError(
                     say(
                         "the fixed gripper stays closed: the arm gripper's jaws stand at "

@@ -10,7 +10,7 @@ from drivers.errors import PositionLostError
 from drivers.kinds import Signal
 from messages import key
 
-from ..custody.release_guard import LOST_MM, NOTHING_MM
+from ..custody.release_guard import LOST_MM, NOTHING_MM, least_held_mm
 from ..devices import Devices
 from .interrupted import Interrupted
 
@@ -64,7 +64,8 @@ class World:
     @property
     def does_fixed_hold(self) -> bool:
         """Whether the fixed gripper itself reports that it holds something."""
-        return self.is_fixed_ready and self.does_fixed_touch and self.fixed_mm >= NOTHING_MM
+        is_between = self.fixed_mm >= NOTHING_MM or self.barrier is Signal.OK
+        return self.is_fixed_ready and self.does_fixed_touch and is_between
 
     def may_fixed_hold(self, on_part_mm: float | None) -> bool:
         """Return whether opening and barrier fit a part in the fixed gripper, unreported by it.
@@ -105,7 +106,7 @@ def judge_jaws(opening_mm: float | None, on_part_mm: float | None) -> Jaws:
     """
     if opening_mm is None or on_part_mm is None:
         return Jaws.UNKNOWN
-    if opening_mm < max(NOTHING_MM, on_part_mm - LOST_MM):
+    if opening_mm < least_held_mm(on_part_mm):
         return Jaws.CLOSED
     if opening_mm <= on_part_mm + LOST_MM:
         return Jaws.ON_PART

@@ -10,7 +10,12 @@ from typing import TypeVar
 
 from controller.cell.custody import Custody
 from controller.cell.custody.openings import Opening, judge_fixed
-from controller.cell.custody.release_guard import LOST_MM, NOTHING_MM, ReleaseGuard
+from controller.cell.custody.release_guard import (
+    NOTHING_MM,
+    THIN_SHARE,
+    ReleaseGuard,
+    least_held_mm,
+)
 from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.journal.rows import HoldPressed, Intent, Once
 from controller.cell.machine import GRASP, PartFault
@@ -66,10 +71,17 @@ class Grippers:
         self._grasp = grasp
         self._setting_per_n = setting_per_n
 
-    @property
-    def tolerance_mm(self) -> float:
-        """The largest difference of holding jaws from the expected opening."""
-        return self._grasp().width_tolerance_mm
+    def beyond_mm(self, opening_mm: float, expected_mm: float) -> float:
+        """Return by how much jaws stand too wide for the part that they should hold [mm].
+
+        Below 0 they stand too near to each other; 0 is within the tolerance. Jaws below half of a
+        thin part hold nothing of it, whatever the tolerance.
+        """
+        tolerance_mm = self._grasp().width_tolerance_mm
+        least_mm = expected_mm - min(tolerance_mm, THIN_SHARE * expected_mm)
+        if opening_mm < least_mm:
+            return opening_mm - least_mm
+        return max(0.0, opening_mm - expected_mm - tolerance_mm)
 
     @property
     def _force_n(self) -> float:
@@ -242,7 +254,7 @@ class Grippers:
         self._record.note(
             HoldPressed(opening_mm=round(opening_mm, 3), held_mm=round(hold.opening_mm, 3))
         )
-        if opening_mm >= hold.opening_mm - LOST_MM and opening_mm >= NOTHING_MM:
+        if opening_mm >= least_held_mm(hold.opening_mm):
             return
         self._record.part.hold = None
         source = GRASP + hold.grasp.id
@@ -289,7 +301,7 @@ class Grippers:
             key("the fixed gripper presses on the part, to check that it is held"),
             press,
         )
-        is_there = found.opening_mm >= max(held_mm - LOST_MM, NOTHING_MM)
+        is_there = found.opening_mm >= least_held_mm(held_mm)
         if found.object_detected and is_there and await self.does_fixed_hold():
             return
         if not found.object_detected and self._record.part.custody is Custody.IN_FIXED:

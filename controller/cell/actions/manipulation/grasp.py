@@ -86,7 +86,8 @@ class GraspAction:
             "{expected_opening_mm:.1f} mm was expected",
             expected_opening_mm=step.expected_opening_mm,
         )
-        if opening_mm < step.expected_opening_mm - self.grippers.tolerance_mm:
+        beyond_mm = self.grippers.beyond_mm(opening_mm, step.expected_opening_mm)
+        if beyond_mm < 0.0:
             found = (
                 key("on nothing")
                 if opening_mm < NOTHING_MM
@@ -96,7 +97,7 @@ class GraspAction:
             self.record.note(GraspMissed(message=message))
             await self._leave(step)
             raise PartFaultError(PartFault.GRASP_MISSED, message, source=GRASP + step.grasp.id)
-        if opening_mm > step.expected_opening_mm + self.grippers.tolerance_mm:
+        if beyond_mm > 0.0:
             await self._leave(step)
             raise PartFaultError(
                 PartFault.GRASP_WRONG,

@@ -79,8 +79,8 @@ class HandOffAction:
         """Close the fixed gripper on the part; return the opening reached [mm]."""
         expected_mm = step.fixed_expected_opening_mm
         result = await self.grippers.close_fixed(expected_mm, step.fixed_pre_open_mm)
-        off_mm = abs(result.opening_mm - expected_mm)
-        if not result.object_detected or off_mm > self.grippers.tolerance_mm:
+        beyond_mm = self.grippers.beyond_mm(result.opening_mm, expected_mm)
+        if not result.object_detected or beyond_mm:
             await self._keep_in_arm(
                 step,
                 say(
@@ -121,7 +121,7 @@ class HandOffAction:
         await self.grippers.require_fixed_holds()
         record.expect_hold(step.grasp)
         opening_mm = await self.grippers.close_arm(Once.RECEIVE, step.expected_opening_mm)
-        if abs(opening_mm - step.expected_opening_mm) > self.grippers.tolerance_mm:
+        if self.grippers.beyond_mm(opening_mm, step.expected_opening_mm):
             await self._leave_in_fixed(step, opening_mm)
         record.take_hold(step.grasp, opening_mm)
         await record.set_custody(Custody.IN_BOTH)
