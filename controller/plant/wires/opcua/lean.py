@@ -65,6 +65,10 @@ class LeanNodes(NodeManagementService):
         ----------
         deletenodeitems : the nodes
         user : who asks; nodes stay for all but an administrator
+
+        Returns
+        -------
+        result : of each node, in their order
         """
         items = deletenodeitems.NodesToDelete
         gone = {item.NodeId for item in items if item.DeleteTargetReferences}
