@@ -51,7 +51,7 @@ class _Task:
     deaths: int = 0
 
 
-class Cluster:
+class WorkerCluster:
     """The workers of a scheduler that have this software.
 
     Parameters
@@ -212,7 +212,7 @@ def _is_done(task: _Task) -> bool:
 
 
 @contextmanager
-def open_cluster(address: str, told: Callable[[str], None]) -> Iterator[Cluster]:
+def open_cluster(address: str, told: Callable[[str], None]) -> Iterator[WorkerCluster]:
     """Yield the workers of a Dask scheduler; at the end, drop unfinished work.
 
     Parameters
@@ -241,7 +241,7 @@ def open_cluster(address: str, told: Callable[[str], None]) -> Iterator[Cluster]
         raise ConfigError(f"--jobs {address}: no Dask scheduler answers there ({error})") from error
     with client:
         try:
-            cluster = Cluster(client, address, told)
+            cluster = WorkerCluster(client, address, told)
         except PoolLostError as error:
             raise ConfigError(f"--jobs {address}: {error}") from error
         try:

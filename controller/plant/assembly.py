@@ -83,9 +83,9 @@ def wires_of(connect: ConnectSection, folder: Path) -> list[Wire]:
 
         wires.append(PlcWire(connect.plc))
     if connect.rest is not None:
-        from .wires.rest import Rest
+        from .wires.rest import RestWire
 
-        wires.append(Rest(connect.rest, folder))
+        wires.append(RestWire(connect.rest, folder))
     if connect.opcua is not None:
         try:
             from .wires.opcua import OpcuaWire

@@ -69,7 +69,7 @@ class OutboxError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ConfirmedHead:
     """How far a receiver has confirmed a journal."""
 
     courier: str
@@ -137,17 +137,22 @@ class Book:
         finally:
             os.close(fd)
 
-    def places(self) -> tuple[Place, ...]:
+    def confirmed_heads(self) -> tuple[ConfirmedHead, ...]:
         """Return how far each receiver is, in each journal."""
         with self._open() as db:
             found = db.execute("SELECT name, journal, seq, hash FROM couriers ORDER BY name")
             return tuple(
-                Place(name, journal, Head(seq, digest)) for name, journal, seq, digest in found
+                ConfirmedHead(name, journal, Head(seq, digest))
+                for name, journal, seq, digest in found
             )
 
-    def place(self, courier: str, journal: str) -> Head | None:
+    def confirmed_head(self, courier: str, journal: str) -> Head | None:
         """Return how far a receiver is in a journal; None before it began."""
-        wanted = (one for one in self.places() if (one.courier, one.journal) == (courier, journal))
+        wanted = (
+            one
+            for one in self.confirmed_heads()
+            if (one.courier, one.journal) == (courier, journal)
+        )
         return next((one.head for one in wanted), None)
 
     def set_place(self, courier: str, journal: str, head: Head) -> None:
@@ -330,7 +335,7 @@ class Outbox:
 
     def _begin(self) -> None:
         """Give a receiver that is new its place in the journals that are there."""
-        known = [one for one in self._book.places() if one.courier == self._courier.name]
+        known = [one for one in self._book.confirmed_heads() if one.courier == self._courier.name]
         if known or self._from_start:
             return
         count = resume(self._runs_dir, self._book, self._courier.name)
@@ -340,7 +345,7 @@ class Outbox:
     async def _deliver_from(self, key: str, path: Path) -> None:
         """Deliver what a journal has behind the receiver's place, and move the place row by row."""
         name = self._courier.name
-        stored = await asyncio.to_thread(self._book.place, name, key)
+        stored = await asyncio.to_thread(self._book.confirmed_head, name, key)
         head = await self._passed_from(key, path, stored) or stored
         seq = 0 if head is None else head.seq
         if head is not None and seq and await asyncio.to_thread(row_at, path, seq) != head:
@@ -359,7 +364,7 @@ class Outbox:
             if (not told or told[-1][0] < last) and (
                 head := await asyncio.to_thread(row_at, path, last)
             ):
-                stored = await asyncio.to_thread(self._book.place, name, key)
+                stored = await asyncio.to_thread(self._book.confirmed_head, name, key)
                 self._passed[key] = (stored, head)
             seq = last
         await self._store_passed()
@@ -419,15 +424,15 @@ class Outbox:
             return
 
 
-def behind(runs_dir: Path, place: Place) -> int | None:
+def behind(runs_dir: Path, confirmed: ConfirmedHead) -> int | None:
     """Return how many rows of a journal a receiver has not confirmed; None if it is gone.
 
     Raises
     ------
     JournalError : a journal cannot be read
     """
-    path = dict(journals_of(runs_dir)).get(place.journal)
-    return None if path is None else last_head(path).seq - place.head.seq
+    path = dict(journals_of(runs_dir)).get(confirmed.journal)
+    return None if path is None else last_head(path).seq - confirmed.head.seq
 
 
 def resume(runs_dir: Path, book: Book, courier: str) -> int:

@@ -16,14 +16,14 @@ from controller.plant.wires.opcua.states import (
     BY_ITSELF,
     BY_METHOD,
     EXECUTING,
-    Intent,
-    Place,
+    ClientRequest,
     SystemState,
+    VisionState,
     item_word,
-    place_of,
-    step_of,
     system_state,
-    way,
+    transition_of,
+    transitions_between,
+    vision_state_of,
 )
 
 NODESETS = Path(__file__).parents[2] / "controller/plant/wires/opcua/nodesets"
@@ -62,89 +62,105 @@ def numbers_of_the_nodeset() -> dict[str, int]:
     return found
 
 
-def number_of(place: Place) -> int:
-    return STATES[place.value]
+def number_of(vision_state: VisionState) -> int:
+    return STATES[vision_state.value]
 
 
 def test_each_transition_is_that_of_the_nodeset_from_and_to_the_states_of_its_number() -> None:
     numbers = numbers_of_the_nodeset()
     assert {name: numbers[name] for name in STATES} == STATES
-    methods = [step for steps in BY_METHOD.values() for step in steps]
-    for step in (*BY_ITSELF, *methods):
-        first, second = divmod(numbers[step.transition] // 10, 10)
-        inner = {number_of(step.before), number_of(step.after)}
-        assert first in (STATES[step.before.outer], number_of(step.before)), step
-        assert second in (STATES[step.after.outer], number_of(step.after)), step
+    methods = [transition for transitions in BY_METHOD.values() for transition in transitions]
+    for transition in (*BY_ITSELF, *methods):
+        first, second = divmod(numbers[transition.name] // 10, 10)
+        inner = {number_of(transition.before), number_of(transition.after)}
+        assert first in (STATES[transition.before.outer], number_of(transition.before)), transition
+        assert second in (STATES[transition.after.outer], number_of(transition.after)), transition
         assert len(inner) == 2
-    for cause, steps in BY_METHOD.items():
-        assert {numbers[step.transition] for step in steps} == BY_METHOD_NUMBERS[cause]
-    assert all(numbers[step.transition] % 10 == 0 for step in BY_ITSELF)
+    for cause, transitions in BY_METHOD.items():
+        assert {numbers[transition.name] for transition in transitions} == BY_METHOD_NUMBERS[cause]
+    assert all(numbers[transition.name] % 10 == 0 for transition in BY_ITSELF)
 
 
-@pytest.mark.parametrize("at", Place)
-@pytest.mark.parametrize("to", Place)
-def test_every_state_is_reached_from_every_other_by_steps_that_follow_each_other(
-    at: Place, to: Place
+@pytest.mark.parametrize("at", VisionState)
+@pytest.mark.parametrize("to", VisionState)
+def test_every_state_is_reached_from_every_other_by_transitions_that_follow_each_other(
+    at: VisionState, to: VisionState
 ) -> None:
-    steps = way(at, to)
-    places = [at, *(step.after for step in steps)]
-    assert [step.before for step in steps] == places[:-1]
-    assert places[-1] is to
-    assert len(set(places)) == len(places)
+    transitions = transitions_between(at, to)
+    vision_states = [at, *(transition.after for transition in transitions)]
+    assert [transition.before for transition in transitions] == vision_states[:-1]
+    assert vision_states[-1] is to
+    assert len(set(vision_states)) == len(vision_states)
 
 
 def test_a_method_makes_no_transition_where_the_table_has_none() -> None:
-    assert step_of("StartSingleJob", Place.INITIALIZED) is None
-    assert step_of("Halt", Place.HALTED) is None
-    assert step_of("Stop", Place.READY) is None
+    assert transition_of("StartSingleJob", VisionState.INITIALIZED) is None
+    assert transition_of("Halt", VisionState.HALTED) is None
+    assert transition_of("Stop", VisionState.READY) is None
 
 
-PREPARED = Intent(is_prepared=True)
+PREPARED = ClientRequest(is_prepared=True)
 RUNNING: dict[str, Any] = {"run": "r", "order": "PO-1", "done": {"holder": (0, 1)}}
 
 
 @pytest.mark.parametrize(
-    ("cell", "intent", "place", "item", "system"),
+    ("cell", "client_request", "vision_state", "item", "system"),
     [
-        ({}, Intent(), Place.INITIALIZED, "NotExecuting", "SBY_2"),
-        ({}, PREPARED, Place.READY, "NotExecuting", "SBY_2"),
-        ({}, Intent(is_halted=True), Place.HALTED, "NotExecuting", "SDT_4"),
-        ({"state": "unknown"}, PREPARED, Place.PREOPERATIONAL, "NotAvailable", "NST_6"),
-        ({"state": "left"}, PREPARED, Place.ERROR, "OutOfService", "UDT_5"),
-        ({"state": "left"}, Intent(is_halted=True), Place.HALTED, "OutOfService", "SDT_4"),
-        ({"state": "taken"}, PREPARED, Place.HALTED, "OutOfService", "ENG_3"),
-        ({"state": "resetting", **RUNNING}, PREPARED, Place.SINGLE, "Executing", "PRD_1"),
-        ({"state": "execute_placing", **RUNNING}, PREPARED, Place.SINGLE, "Executing", "PRD_1"),
-        ({"state": "completing", **RUNNING}, PREPARED, Place.SINGLE, "Executing", "PRD_1"),
+        ({}, ClientRequest(), VisionState.INITIALIZED, "NotExecuting", "SBY_2"),
+        ({}, PREPARED, VisionState.READY, "NotExecuting", "SBY_2"),
+        ({}, ClientRequest(is_halted=True), VisionState.HALTED, "NotExecuting", "SDT_4"),
+        ({"state": "unknown"}, PREPARED, VisionState.PREOPERATIONAL, "NotAvailable", "NST_6"),
+        ({"state": "left"}, PREPARED, VisionState.ERROR, "OutOfService", "UDT_5"),
+        (
+            {"state": "left"},
+            ClientRequest(is_halted=True),
+            VisionState.HALTED,
+            "OutOfService",
+            "SDT_4",
+        ),
+        ({"state": "taken"}, PREPARED, VisionState.HALTED, "OutOfService", "ENG_3"),
+        ({"state": "resetting", **RUNNING}, PREPARED, VisionState.SINGLE, "Executing", "PRD_1"),
+        (
+            {"state": "execute_placing", **RUNNING},
+            PREPARED,
+            VisionState.SINGLE,
+            "Executing",
+            "PRD_1",
+        ),
+        ({"state": "completing", **RUNNING}, PREPARED, VisionState.SINGLE, "Executing", "PRD_1"),
         (
             {"state": "execute_placing", **RUNNING, "done": {"a": (1, 1), "b": (0, 2)}},
-            Intent(),
-            Place.CONTINUOUS,
+            ClientRequest(),
+            VisionState.CONTINUOUS,
             "Executing",
             "PRD_1",
         ),
         (
             {"state": "suspended_placing", **RUNNING},
             PREPARED,
-            Place.SINGLE,
+            VisionState.SINGLE,
             "NotExecuting",
             "SBY_2",
         ),
-        ({"state": "held", **RUNNING}, PREPARED, Place.SINGLE, "NotExecuting", "UDT_5"),
-        ({"state": "stopping", **RUNNING}, PREPARED, Place.READY, "NotExecuting", "SBY_2"),
-        ({"state": "stopped", **RUNNING}, PREPARED, Place.READY, "NotExecuting", "SBY_2"),
-        ({"state": "complete", **RUNNING}, PREPARED, Place.READY, "NotExecuting", "SBY_2"),
-        ({"state": "aborting", **RUNNING}, PREPARED, Place.ERROR, "OutOfService", "UDT_5"),
-        ({"state": "aborted", **RUNNING}, PREPARED, Place.ERROR, "OutOfService", "UDT_5"),
-        ({"state": "clearing", **RUNNING}, PREPARED, Place.ERROR, "OutOfService", "UDT_5"),
+        ({"state": "held", **RUNNING}, PREPARED, VisionState.SINGLE, "NotExecuting", "UDT_5"),
+        ({"state": "stopping", **RUNNING}, PREPARED, VisionState.READY, "NotExecuting", "SBY_2"),
+        ({"state": "stopped", **RUNNING}, PREPARED, VisionState.READY, "NotExecuting", "SBY_2"),
+        ({"state": "complete", **RUNNING}, PREPARED, VisionState.READY, "NotExecuting", "SBY_2"),
+        ({"state": "aborting", **RUNNING}, PREPARED, VisionState.ERROR, "OutOfService", "UDT_5"),
+        ({"state": "aborted", **RUNNING}, PREPARED, VisionState.ERROR, "OutOfService", "UDT_5"),
+        ({"state": "clearing", **RUNNING}, PREPARED, VisionState.ERROR, "OutOfService", "UDT_5"),
     ],
 )
 def test_a_state_of_the_cell_is_shown_as_the_table_of_the_manual_has_it(
-    cell: dict[str, Any], intent: Intent, place: Place, item: str, system: str
+    cell: dict[str, Any],
+    client_request: ClientRequest,
+    vision_state: VisionState,
+    item: str,
+    system: str,
 ) -> None:
     state = idle_state(**cell, packml=packml_of(str(cell.get("state", "free"))))
-    found = place_of(state, intent, Place.READY)
-    assert found is place
+    found = vision_state_of(state, client_request, VisionState.READY)
+    assert found is vision_state
     assert item_word(state) == item
     word, why = system_state(state, found)
     assert word == system
@@ -153,39 +169,46 @@ def test_a_state_of_the_cell_is_shown_as_the_table_of_the_manual_has_it(
 
 
 @pytest.mark.parametrize("state", STATES_OF_THE_CELL)
-@pytest.mark.parametrize("now", Place)
-def test_every_state_of_a_run_has_a_place(state: str, now: Place) -> None:
+@pytest.mark.parametrize("now", VisionState)
+def test_every_state_of_a_run_has_a_vision_state(state: str, now: VisionState) -> None:
     cell = idle_state(state=state, packml=packml_of(state), **RUNNING)
-    found = place_of(cell, PREPARED, now)
-    assert found in (Place.READY, Place.ERROR, *EXECUTING)
-    assert place_of(cell, PREPARED, found) is found, "it would go to and fro"
+    found = vision_state_of(cell, PREPARED, now)
+    assert found in (VisionState.READY, VisionState.ERROR, *EXECUTING)
+    assert vision_state_of(cell, PREPARED, found) is found, "it would go to and fro"
 
 
 def test_a_job_that_was_accepted_executes_before_its_run_is_there_and_no_more_behind_it() -> None:
-    job = Intent(is_prepared=True, order="PO-1", kind="single", has_begun=True)
+    job = ClientRequest(is_prepared=True, order="PO-1", kind="single", has_begun=True)
     free, starting = idle_state(), idle_state(state="starting", packml="Starting")
-    assert place_of(free, job, Place.READY) is Place.SINGLE
-    assert place_of(starting, job, Place.SINGLE) is Place.SINGLE
+    assert vision_state_of(free, job, VisionState.READY) is VisionState.SINGLE
+    assert vision_state_of(starting, job, VisionState.SINGLE) is VisionState.SINGLE
     complete = idle_state(state="complete", packml="Complete", **RUNNING)
     gone = replace(job, has_begun=False)
-    assert place_of(complete, gone, Place.SINGLE) is Place.READY
-    assert place_of(free, gone, Place.READY) is Place.READY
+    assert vision_state_of(complete, gone, VisionState.SINGLE) is VisionState.READY
+    assert vision_state_of(free, gone, VisionState.READY) is VisionState.READY
 
 
 def test_a_run_that_begins_stopped_is_not_taken_for_one_that_was_stopped() -> None:
     begins = idle_state(state="stopped", **RUNNING)
-    assert place_of(begins, PREPARED, Place.SINGLE) is Place.SINGLE
-    assert place_of(begins.model_copy(update={"part": 1}), PREPARED, Place.SINGLE) is Place.READY
-    assert place_of(begins, PREPARED, Place.READY) is Place.READY, "stopped while it homed"
+    assert vision_state_of(begins, PREPARED, VisionState.SINGLE) is VisionState.SINGLE
+    assert (
+        vision_state_of(begins.model_copy(update={"part": 1}), PREPARED, VisionState.SINGLE)
+        is VisionState.READY
+    )
+    assert vision_state_of(begins, PREPARED, VisionState.READY) is VisionState.READY, (
+        "stopped while it homed"
+    )
 
 
 def test_a_run_of_somebody_else_is_not_taken_for_the_job() -> None:
-    waiting = Intent(is_prepared=True, order="PO-1", kind="single")
+    waiting = ClientRequest(is_prepared=True, order="PO-1", kind="single")
     other = idle_state(state="execute_acquiring", packml="Execute", run="r", done={"plate": (0, 9)})
-    assert place_of(other, waiting, Place.READY) is Place.CONTINUOUS
+    assert vision_state_of(other, waiting, VisionState.READY) is VisionState.CONTINUOUS
 
 
 def test_how_many_parts_a_run_is_for_is_waited_for() -> None:
     early = idle_state(state="resetting", packml="Resetting", run="r")
-    assert place_of(early, Intent(), Place.INITIALIZED) is Place.INITIALIZED
-    assert place_of(early, Intent(), Place.PREOPERATIONAL) is Place.READY
+    assert (
+        vision_state_of(early, ClientRequest(), VisionState.INITIALIZED) is VisionState.INITIALIZED
+    )
+    assert vision_state_of(early, ClientRequest(), VisionState.PREOPERATIONAL) is VisionState.READY

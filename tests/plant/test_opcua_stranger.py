@@ -144,7 +144,7 @@ async def test_a_job_of_another_life_of_the_server_is_gone_on_with(tmp_path: Pat
         await vision.start("single", "mes", "PO-1", "", "SN-1", 1)
         bench.plant.change_order("PO-1", state="running")
         await bench.run("PO-1")
-        assert vision.place == "SingleExecution"
+        assert vision.vision_state == "SingleExecution"
     bench.wire.url = ""
     result = bench.plant.finish(part_result(1, order="PO-1", serial="SN-1"))
     with pytest.raises(ConnectionError):
@@ -152,11 +152,11 @@ async def test_a_job_of_another_life_of_the_server_is_gone_on_with(tmp_path: Pat
     async with bench.serving():
         vision = bench.wire._vision
         assert vision is not None
-        assert vision.place == "SingleExecution"
+        assert vision.vision_state == "SingleExecution"
         await bench.wire.deliver(result)
         await vision.order_changed(bench.plant.change_order("PO-1", state="done"))
         await bench.become(idle_state())
-        assert vision.place == "Ready"
+        assert vision.vision_state == "Ready"
 
 
 def test_a_package_that_is_missing_is_named_with_its_extra(

@@ -24,7 +24,7 @@ from controller.plant.wires.plc.handshake import (
 from controller.plant.wires.plc.registers import (
     Command,
     CommandBit,
-    Reason,
+    FailureReason,
     Status,
     read_command,
 )
@@ -65,8 +65,8 @@ class Plc:
         return Status(self.read(registers.STATUS))
 
     @property
-    def reason(self) -> Reason:
-        return Reason(self.read(registers.REFUSAL))
+    def reason(self) -> FailureReason:
+        return FailureReason(self.read(registers.REFUSAL))
 
     def read(self, address: int) -> int:
         return self.handshake.registers(self.now_s)[address]
@@ -117,7 +117,7 @@ def test_a_start_that_is_dropped_before_the_answer_is_still_one_order(plc: Plc) 
     assert len(plc.write(START)) == 1
     assert plc.write(IDLE) == ()
     assert plc.write(START) == ()  # doubled
-    assert plc.reason is Reason.BUSY
+    assert plc.reason is FailureReason.BUSY
     plc.write(IDLE)
     plc.handshake.taken(order())
     assert Status.BUSY in plc.status
@@ -139,7 +139,7 @@ def test_a_stop_that_was_high_when_the_bridge_began_stops_once_and_bars_starts()
     assert plc.write(STOP | START) == ()
     plc.write(STOP)
     assert plc.write(STOP | START) == ()
-    assert plc.reason is Reason.STOP_BIT_IS_SET
+    assert plc.reason is FailureReason.STOP_BIT_IS_SET
 
 
 def test_a_stop_needs_no_heartbeat(plc: Plc) -> None:
@@ -150,17 +150,17 @@ def test_a_stop_needs_no_heartbeat(plc: Plc) -> None:
 @pytest.mark.parametrize(
     ("state", "changes", "reason"),
     [
-        (idle_state(is_ready=False), {}, Reason.NOT_READY),
-        (idle_state(online=False), {}, Reason.NOT_READY),
-        (idle_state(may_start="never", is_ready=False), {}, Reason.REMOTE_NOT_ALLOWED),
-        (idle_state(), {"recipe": 7}, Reason.UNKNOWN_RECIPE),
-        (idle_state(), {"recipe": 0}, Reason.UNKNOWN_RECIPE),
-        (idle_state(), {"serial": None}, Reason.BAD_SERIAL),
-        (idle_state(), {"serial": "SN-1", "quantity": 2}, Reason.BAD_SERIAL),
+        (idle_state(is_ready=False), {}, FailureReason.NOT_READY),
+        (idle_state(online=False), {}, FailureReason.NOT_READY),
+        (idle_state(may_start="never", is_ready=False), {}, FailureReason.REMOTE_NOT_ALLOWED),
+        (idle_state(), {"recipe": 7}, FailureReason.UNKNOWN_RECIPE),
+        (idle_state(), {"recipe": 0}, FailureReason.UNKNOWN_RECIPE),
+        (idle_state(), {"serial": None}, FailureReason.BAD_SERIAL),
+        (idle_state(), {"serial": "SN-1", "quantity": 2}, FailureReason.BAD_SERIAL),
     ],
 )
 def test_a_start_that_is_not_taken_has_a_reason_until_it_is_dropped(
-    plc: Plc, state: object, changes: dict[str, object], reason: Reason
+    plc: Plc, state: object, changes: dict[str, object], reason: FailureReason
 ) -> None:
     plc.handshake.see(state)  # type: ignore[arg-type]
     assert plc.write(START, **changes) == ()
@@ -172,13 +172,13 @@ def test_a_start_that_is_not_taken_has_a_reason_until_it_is_dropped(
     assert plc.reason is reason  # stands until the next command
     plc.handshake.see(idle_state())
     assert len(plc.write(START, recipe=1, serial="", quantity=0)) == 1
-    assert plc.reason is Reason.NONE
+    assert plc.reason is FailureReason.NONE
 
 
 def test_an_order_that_the_cell_refuses_fails_the_start_also_when_it_comes_late(plc: Plc) -> None:
     plc.write(START)
     plc.handshake.taken(order("refused"))
-    assert plc.reason is Reason.ORDER_REFUSED
+    assert plc.reason is FailureReason.ORDER_REFUSED
     assert Status.COMMAND_FAILED in plc.status
     plc.write(IDLE)
     started(plc)
@@ -187,7 +187,7 @@ def test_an_order_that_the_cell_refuses_fails_the_start_also_when_it_comes_late(
     assert Status.COMMAND_FAILED in plc.status
     assert Status.BUSY not in plc.status
     plc.write(RESET)
-    assert (Status.COMMAND_FAILED in plc.status, plc.reason) == (False, Reason.NONE)
+    assert (Status.COMMAND_FAILED in plc.status, plc.reason) == (False, FailureReason.NONE)
 
 
 def test_a_heartbeat_that_stands_bars_starts_and_nothing_else(plc: Plc) -> None:
@@ -198,7 +198,7 @@ def test_a_heartbeat_that_stands_bars_starts_and_nothing_else(plc: Plc) -> None:
     plc.handshake.taken(order("done"))
     assert Status.READY not in plc.status
     assert plc.write(START, beat=False) == ()
-    assert plc.reason is Reason.HEARTBEAT_STANDS
+    assert plc.reason is FailureReason.HEARTBEAT_STANDS
     plc.write(IDLE)
     assert len(plc.write(START)) == 1
 
@@ -207,7 +207,7 @@ def test_a_plc_without_a_heartbeat_starts_nothing() -> None:
     plc = Plc()
     plc.write(IDLE, beat=False)
     assert plc.write(START, beat=False) == ()
-    assert plc.reason is Reason.HEARTBEAT_STANDS
+    assert plc.reason is FailureReason.HEARTBEAT_STANDS
 
 
 def test_the_heartbeat_of_the_cell_is_one_more_each_tenth_of_a_second(plc: Plc) -> None:
@@ -251,7 +251,7 @@ def test_no_start_is_taken_while_eight_results_wait(plc: Plc) -> None:
     plc.handshake.count_waiting(MAX_WAITING)
     assert Status.READY not in plc.status
     assert plc.write(START) == ()
-    assert plc.reason is Reason.RESULTS_WAIT
+    assert plc.reason is FailureReason.RESULTS_WAIT
     plc.write(ACKNOWLEDGED)
     assert len(plc.write(START)) == 1
 
@@ -259,7 +259,7 @@ def test_no_start_is_taken_while_eight_results_wait(plc: Plc) -> None:
 def test_an_interrupted_wire_tells_that_the_start_was_not_taken(plc: Plc) -> None:
     plc.write(START)
     plc.handshake.abandon()
-    assert plc.reason is Reason.NOT_READY
+    assert plc.reason is FailureReason.NOT_READY
     assert Status.BUSY not in plc.status
 
 

@@ -19,7 +19,7 @@ from wire_bench import deliver_surely, eventually, is_listening, served
 
 from controller.config.cell.plc import PlcSection
 from controller.plant.wires.plc import ModbusServer, PlcWire
-from controller.plant.wires.plc.registers import CommandBit, Reason, Status
+from controller.plant.wires.plc.registers import CommandBit, FailureReason, Status
 
 START, STOP, ACKNOWLEDGED = CommandBit.START, CommandBit.STOP, CommandBit.RESULT_ACKNOWLEDGED
 RECIPES = {1: {"recipe": "holder", "values": ["d1"]}, 2: "plate", 3: "broken"}
@@ -265,7 +265,7 @@ async def test_several_parts_of_one_start_come_one_after_the_other(
         await master.until(Status.RESULT_VALID)
         await master.until(Status.READY, is_set=False)  # more than eight wait
         assert Status.COMMAND_FAILED in await master.start(1)
-        assert (await master.read(4, 1)) == [Reason.RESULTS_WAIT]
+        assert (await master.read(4, 1)) == [FailureReason.RESULTS_WAIT]
         numbers = [(await master.take_result())[0] for _ in range(12)]
         await master.until(Status.READY)
     assert numbers == [result.seq for result in plant.results]
@@ -300,7 +300,7 @@ async def test_an_order_of_before_a_restart_keeps_the_cell_busy(
         await master.until(Status.BUSY)
         await master.write(100, [0])
         assert Status.COMMAND_FAILED in await master.start(2)
-        assert (await master.read(4, 1)) == [Reason.BUSY]
+        assert (await master.read(4, 1)) == [FailureReason.BUSY]
         (order,) = await plant.orders()
         plant.change_order(order.number, state="done")
         await master.until(Status.BUSY, is_set=False)
@@ -343,7 +343,7 @@ async def test_stop_reaches_the_running_cell_and_a_refusal_has_a_reason(
     async with served(plc_wire(port), plant), pymodbus_at(port) as master:
         await master.write(100, [STOP])
         await master.until(Status.COMMAND_FAILED)
-        assert (await master.read(4, 1)) == [Reason.STOP_REFUSED]  # nothing runs
+        assert (await master.read(4, 1)) == [FailureReason.STOP_REFUSED]  # nothing runs
         await master.write(100, [0])
         await plant.become(run="R1", is_ready=False)
         await master.write(100, [STOP])
@@ -371,7 +371,7 @@ async def test_a_stop_takes_back_an_order_that_has_not_begun(plant: FakePlant, p
 
 async def test_a_recipe_that_cannot_be_used_fails_the_start(plant: FakePlant, port: int) -> None:
     async with served(plc_wire(port), plant), pymodbus_at(port) as master:
-        for recipe, reason in ((3, Reason.ORDER_REFUSED), (9, Reason.UNKNOWN_RECIPE)):
+        for recipe, reason in ((3, FailureReason.ORDER_REFUSED), (9, FailureReason.UNKNOWN_RECIPE)):
             await master.until(Status.READY)
             assert Status.COMMAND_FAILED in await master.start(recipe)
             assert (await master.read(4, 1)) == [reason]

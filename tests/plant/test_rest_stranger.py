@@ -13,7 +13,7 @@ from fake_plant import FakePlant, part_result
 from wire_bench import eventually, is_listening
 
 from controller.config.cell.connect import RestSection
-from controller.plant.wires.rest import Rest
+from controller.plant.wires.rest import RestWire
 
 PROGRAM = os.environ.get("CELLCTL_SCHEMATHESIS", "") or shutil.which("schemathesis") or ""
 CLIENT_WALL_S = 600.0
@@ -30,7 +30,7 @@ async def test_every_path_answers_as_described_whatever_is_asked() -> None:
     for part in (1, 2, 3):
         plant.finish(part_result(part))
     serving = asyncio.create_task(
-        Rest(RestSection(listen=f"127.0.0.1:{port}"), Path()).serve(plant)
+        RestWire(RestSection(listen=f"127.0.0.1:{port}"), Path()).serve(plant)
     )
     await eventually(lambda: is_listening(port))
     at = f"http://127.0.0.1:{port}"

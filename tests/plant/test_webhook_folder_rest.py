@@ -29,7 +29,7 @@ from controller.config.cell.connect import (
 from controller.plant.plant import PlantError, RejectedError
 from controller.plant.schema import document, document_bytes
 from controller.plant.wires.folder import Folder, FolderError, stem_of
-from controller.plant.wires.rest import BODY_MAX_BYTES, Rest
+from controller.plant.wires.rest import BODY_MAX_BYTES, RestWire
 from controller.plant.wires.webhook import SIGNATURE, Webhook, WebhookError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -229,7 +229,7 @@ class Client:
 
     def __init__(self, plant: FakePlant) -> None:
         self.plant = plant
-        app = Rest(RestSection(), Path()).app(plant)
+        app = RestWire(RestSection(), Path()).app(plant)
         self.http = TestClient(app, raise_server_exceptions=True)
         self.auth = ("mes", "correct horse battery")
 
@@ -348,7 +348,7 @@ def test_a_password_is_checked_once_and_again_when_its_account_changes(
 
 def test_other_addresses_than_this_machines_need_a_certificate() -> None:
     with pytest.raises(PlantError, match="tls_cert"):
-        Rest(RestSection(listen="0.0.0.0:8471"), Path())
+        RestWire(RestSection(listen="0.0.0.0:8471"), Path())
     with pytest.raises(ValidationError):
         RestSection(tls_cert=Path("cert.pem"))
     assert ConnectSection().may_start == "never"

@@ -17,7 +17,7 @@ from controller.catalogue import (
     open_pool,
     results_of,
 )
-from controller.catalogue.cluster import MAX_DEATHS, Cluster, WorkerEndedError
+from controller.catalogue.cluster import MAX_DEATHS, WorkerCluster, WorkerEndedError
 from controller.catalogue.software import software_here
 from controller.config import ConfigError
 
@@ -97,7 +97,7 @@ def _looks_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def squares(scheduler: Scheduler, count: int) -> tuple[dict[int, Any], list[str]]:
     told: list[str] = []
-    cluster = Cluster(scheduler, "tcp://here:1", told.append)
+    cluster = WorkerCluster(scheduler, "tcp://here:1", told.append)
     return dict(results_of(cluster, _square, range(count))), told
 
 
@@ -172,7 +172,7 @@ def test_a_task_that_ends_its_workers_is_given_up_and_the_others_go_on() -> None
 
 def test_a_scheduler_that_goes_away_ends_the_work() -> None:
     scheduler = Scheduler({"a": SAME})
-    cluster = Cluster(scheduler, "tcp://here:1", lambda _: None)
+    cluster = WorkerCluster(scheduler, "tcp://here:1", lambda _: None)
     results = results_of(cluster, _square, range(6))
     assert next(results) == (0, 0)
     scheduler.is_lost = True
@@ -182,7 +182,7 @@ def test_a_scheduler_that_goes_away_ends_the_work() -> None:
 
 def test_what_is_cancelled_by_nobody_here_means_a_lost_scheduler() -> None:
     scheduler = Scheduler({"a": SAME})
-    cluster = Cluster(scheduler, "tcp://here:1", lambda _: None)
+    cluster = WorkerCluster(scheduler, "tcp://here:1", lambda _: None)
     future = cluster.submit(_square, 2)
     scheduler.open[0][0].cancel()
     with pytest.raises(PoolLostError, match="went away"):
@@ -191,7 +191,7 @@ def test_what_is_cancelled_by_nobody_here_means_a_lost_scheduler() -> None:
 
 def test_results_come_in_the_order_of_the_orders() -> None:
     scheduler = Scheduler({"a": SAME}, {"a": SAME, "b": SAME})
-    cluster = Cluster(scheduler, "tcp://here:1", lambda _: None)
+    cluster = WorkerCluster(scheduler, "tcp://here:1", lambda _: None)
     scheduler.backwards = True
     assert list(in_order(cluster, _square, range(9))) == [n**2 for n in range(9)]
 

@@ -310,7 +310,7 @@ def test_a_new_receiver_gets_what_comes_unless_it_asks_for_all(tmp_path: Path) -
     deliver(tmp_path, whole)
     assert [key for key in later.taken if "alarm" not in key] == [f"emulated/{SECOND}/1/1"]
     assert f"emulated/{FIRST}/1/1" in whole.taken
-    assert {behind(tmp_path, place) for place in Book(tmp_path).places()} == {0}
+    assert {behind(tmp_path, confirmed) for confirmed in Book(tmp_path).confirmed_heads()} == {0}
 
 
 def test_a_new_receiver_of_a_cell_without_a_run_gets_the_first_one(tmp_path: Path) -> None:
@@ -375,8 +375,8 @@ def test_a_row_that_tells_nothing_costs_no_sync_of_the_disk(
     asyncio.run(outbox.deliver_new())
     monkeypatch.setattr("controller.plant.outbox.STORE_WALL_S", 0.0)
     asyncio.run(outbox.deliver_new())  # nothing is new, and it is time
-    (place,) = (one for one in book.places() if one.journal)
-    assert behind(tmp_path, place) == 0
+    (confirmed,) = (one for one in book.confirmed_heads() if one.journal)
+    assert behind(tmp_path, confirmed) == 0
     again = Receiver()
     deliver(tmp_path, again, from_start=False)
     assert again.taken == []

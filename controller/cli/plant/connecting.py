@@ -96,24 +96,24 @@ def show_deliveries(runs_dir: Path, resumed: str, dropped: str, *, as_json: bool
         for one in found:
             book.drop_refused(one.courier, one.key)
     if resumed:
-        known = {place.courier for place in book.places()}
+        known = {confirmed.courier for confirmed in book.confirmed_heads()}
         if resumed not in known:
             raise ConfigError(f"--resume {resumed}: there are {', '.join(sorted(known)) or 'none'}")
         resume(runs_dir, book, resumed)
     problems = book.problems()
-    for place in book.places():
-        if not place.journal:
+    for confirmed in book.confirmed_heads():
+        if not confirmed.journal:
             continue
-        rows = behind(runs_dir, place)
-        why, since = problems.get(place.courier, ("", ""))
+        rows = behind(runs_dir, confirmed)
+        why, since = problems.get(confirmed.courier, ("", ""))
         if as_json:
             emit(
-                {"event": "receiver", "receiver": place.courier, "journal": place.journal,
-                 "row": place.head.seq, "behind": rows, "problem": why, "since": since}
+                {"event": "receiver", "receiver": confirmed.courier, "journal": confirmed.journal,
+                 "row": confirmed.head.seq, "behind": rows, "problem": why, "since": since}
             )  # fmt: skip
         else:
             words = "its journal is gone" if rows is None else f"{rows} rows behind"
-            print_line(f"{place.courier}: row {place.head.seq}, {words}")
+            print_line(f"{confirmed.courier}: row {confirmed.head.seq}, {words}")
             if why:
                 print_line(f"  since {since}: {why}")
     refused = book.refused()

@@ -15,7 +15,7 @@ from controller.config import ConfigError, load_cell
 from controller.config.files import file_within
 from messages import say
 
-from ..frame import Answer, GetRoute, NoBody, PostBody, PostRoute, Setting, Visit, refused, word
+from ..frame import GetRoute, JsonAnswer, NoBody, PostBody, PostRoute, Setting, Visit, refused, word
 from ..frame.drawn import picture_bytes
 from ..security import Role
 from ..work import BusyError, Workshop
@@ -89,12 +89,12 @@ class CellAnswers:
         if found is None:
             return _missing()
         holder = read_holder(self._runs_dir / LOCK_NAME)
-        return Answer(found | {"holder": "" if holder is None else str(holder)})
+        return JsonAnswer(found | {"holder": "" if holder is None else str(holder)})
 
     async def pictures(self, _: Visit) -> Response:
         """Return the last pictures of the newest run, measured."""
         async with self._looking:
-            return Answer(await asyncio.to_thread(self._pictures.facts))
+            return JsonAnswer(await asyncio.to_thread(self._pictures.facts))
 
     async def picture(self, visit: Visit) -> Response:
         """Return one of the last pictures; its file is named by the journal alone."""
@@ -133,7 +133,7 @@ class CellAnswers:
         key = visit.request.query_params.get("cell", "")
         work = self._workshop.last("doctor", key)
         running = self._workshop.running
-        return Answer(
+        return JsonAnswer(
             {
                 "running": None if running is None else running.facts(),
                 "work": None if work is None else work.facts(),
@@ -145,14 +145,14 @@ class CellAnswers:
         """Return the pictures that the doctor has just taken, measured."""
         work = self._workshop.last("live", LIVE)
         if work is None:
-            return Answer({"work": None, "pictures": [], "failed": []})
+            return JsonAnswer({"work": None, "pictures": [], "failed": []})
 
         def found() -> dict[str, Any]:
             bodies = work.bodies()
             failed = [one for one in bodies if one.get("ok") is False]
             return {"pictures": live_facts(bodies, work.folder), "failed": failed}
 
-        return Answer({"work": work.facts(), **await asyncio.to_thread(found)})
+        return JsonAnswer({"work": work.facts(), **await asyncio.to_thread(found)})
 
     async def live_picture(self, visit: Visit) -> Response:
         """Return one of the pictures that the doctor has just taken."""
@@ -194,11 +194,11 @@ class CellAnswers:
             )
         except BusyError:
             return refused(409, word("the doctor looks already; wait, or cancel it"))
-        return Answer({"running": work.facts()})
+        return JsonAnswer({"running": work.facts()})
 
     async def cancel(self, _visit: Visit, _body: NoBody) -> Response:
         """End the doctor's look; return whether there was one."""
-        return Answer({"done": await self._workshop.cancel()})
+        return JsonAnswer({"done": await self._workshop.cancel()})
 
 
 def _missing() -> Response:

@@ -15,12 +15,12 @@ from .screens import (
     Upload,
 )
 from .uploads import Uploaded
-from .visit import Answer, PageFrame, Visit, refused, worded
+from .visit import JsonAnswer, PageFrame, Visit, refused, worded
 from .words import word
 
 __all__ = [
-    "Answer",
     "GetRoute",
+    "JsonAnswer",
     "NoBody",
     "PageFrame",
     "PostBody",

@@ -15,7 +15,7 @@ from ..security import Role
 from ..security.sessions import same
 from .screens import GetRoute, PostRoute, RequestRefusedError, Screen, Upload
 from .uploads import received
-from .visit import Answer, PageFrame, Visit, language_of, refused
+from .visit import JsonAnswer, PageFrame, Visit, language_of, refused
 from .words import word
 
 Endpoint = Callable[[Request], Awaitable[Response]]
@@ -135,6 +135,6 @@ def _refusing(answer: Endpoint) -> Endpoint:
             found = await answer(request)
         except (RequestRefusedError, LaunchRefusedError) as error:
             found = refused(error.status, str(error))
-        return found.in_language(language_of(request)) if isinstance(found, Answer) else found
+        return found.in_language(language_of(request)) if isinstance(found, JsonAnswer) else found
 
     return endpoint

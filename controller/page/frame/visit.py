@@ -28,7 +28,7 @@ LANGUAGE_COOKIE: Final = "cellctl_language"
 YEAR_S: Final = 31_536_000
 
 
-class Answer(JSONResponse):
+class JsonAnswer(JSONResponse):
     """JSON whose sentences are put into words once the language of the person is known.
 
     Parameters
@@ -59,9 +59,9 @@ def worded(content: Mapping[str, object], language: str) -> Mapping[str, object]
     return {**content, "words": found} if found else content
 
 
-def refused(status: int, text: str) -> Answer:
+def refused(status: int, text: str) -> JsonAnswer:
     """Return a refusal, with a sentence on the reason."""
-    return Answer({"error": text}, status)
+    return JsonAnswer({"error": text}, status)
 
 
 def address_of(request: Request) -> str:

@@ -27,7 +27,7 @@ from messages import say
 from ..frame.drawn import mesh_of, packed, packed_json, run_picture
 from ..frame.screens import GetRoute, PostBody, PostRoute, Setting, Upload
 from ..frame.uploads import Uploaded
-from ..frame.visit import Answer, Visit, address_of, refused, worded
+from ..frame.visit import JsonAnswer, Visit, address_of, refused, worded
 from ..frame.words import word
 from ..security import Role
 from .listing import LIST_MAX_BYTES, keep_sent
@@ -204,25 +204,25 @@ class NowAnswers:
         """Return the recipes and cell files available for a run."""
         choices, last = await self._launcher.choices(), await self._launcher.last()
         again = None if last is None else last.model_dump(mode="json")
-        return Answer({**asdict(choices), "last": again})
+        return JsonAnswer({**asdict(choices), "last": again})
 
     async def list(self, _: Visit, sent: Uploaded) -> Response:
         """Keep a list of parts for a run; return its key and its content."""
         project = self._setting.project_dir.absolute()
-        return Answer(await keep_sent(self._launcher, sent, project))
+        return JsonAnswer(await keep_sent(self._launcher, sent, project))
 
     async def cancel(self, _: Visit, __: CancelBody) -> Response:
         """End the preparation of the run that was started here; return whether that was done."""
         if not self._live.is_preparing:
             return refused(409, word("the run works already; stop it instead"))
         await self._launcher.cancel()
-        return Answer({"done": True})
+        return JsonAnswer({"done": True})
 
     async def start(self, visit: Visit, body: StartBody) -> Response:
         """Start a run in the name of a person; return that it was started, or why not."""
         await self._launcher.start(body, visit.account.name)
         self._live.publish()
-        return Answer({"done": True})
+        return JsonAnswer({"done": True})
 
     def _order(self, name: str, model: type[Order]) -> Callable[[Visit, Any], Awaitable[Response]]:
         async def answer(visit: Visit, body: _OrderBody) -> Response:
@@ -233,6 +233,6 @@ class NowAnswers:
             except (ControlError, OSError) as error:
                 return refused(503, str(error))
             self._live.refresh()
-            return Answer(facts(reply), 409 if reply.decision == "refused" else 200)
+            return JsonAnswer(facts(reply), 409 if reply.decision == "refused" else 200)
 
         return answer

@@ -15,8 +15,8 @@ from starlette.responses import Response
 from controller.config import ConfigError, Recipe
 
 from ..frame import (
-    Answer,
     GetRoute,
+    JsonAnswer,
     NoBody,
     PostBody,
     PostRoute,
@@ -145,7 +145,7 @@ class RecipeAnswers:
     async def list(self, _: Visit) -> Response:
         """Return all recipes."""
         read = await asyncio.to_thread(lambda: [read_recipe(file) for file in self._folder.files()])
-        return Answer({"recipes": [self._listed(one) for one in read]})
+        return JsonAnswer({"recipes": [self._listed(one) for one in read]})
 
     async def one(self, visit: Visit) -> Response:
         """Return one recipe, as a page."""
@@ -161,7 +161,7 @@ class RecipeAnswers:
             return _missing()
         read = await asyncio.to_thread(read_recipe, file)
         found = self._listed(read) | {"sha256": read.sha256, "recipe": _words_of(read.recipe)}
-        return Answer(found)
+        return JsonAnswer(found)
 
     async def mesh(self, visit: Visit) -> Response:
         """Return the mesh of a recipe's part, or of the uploaded file."""
@@ -189,7 +189,7 @@ class RecipeAnswers:
     async def work(self, _: Visit) -> Response:
         """Return the work in progress."""
         running = self._workshop.running
-        return Answer({"running": None if running is None else running.facts()})
+        return JsonAnswer({"running": None if running is None else running.facts()})
 
     async def start(self, visit: Visit, body: WorkBody) -> Response:
         """Start work on a recipe; return its description."""
@@ -213,7 +213,7 @@ class RecipeAnswers:
 
     async def cancel(self, _visit: Visit, _body: NoBody) -> Response:
         """End the work in progress; return False if there was none."""
-        return Answer({"done": await self._workshop.cancel()})
+        return JsonAnswer({"done": await self._workshop.cancel()})
 
     async def draft(self, _visit: Visit, body: DraftBody) -> Response:
         """Return the diff that changes make."""
@@ -226,7 +226,7 @@ class RecipeAnswers:
             return refused(422, self._short(error))
         except NotAsShownError as error:
             return refused(409, str(error))
-        return Answer({"diff": draft.diff, "seen": draft.sha256})
+        return JsonAnswer({"diff": draft.diff, "seen": draft.sha256})
 
     async def save(self, visit: Visit, body: SaveBody) -> Response:
         """Write a recipe exactly as displayed; return the result."""
@@ -279,7 +279,7 @@ class RecipeAnswers:
 
         async with self._writing:
             reply = await self._written(write)
-        return Answer({"key": f"project/{made[0]}"}) if made else reply
+        return JsonAnswer({"key": f"project/{made[0]}"}) if made else reply
 
     def _read(self, visit: Visit) -> Response:
         staged = self._stage.file
@@ -300,7 +300,7 @@ class RecipeAnswers:
             work = self._workshop.start(kind, of, who, arguments, mark=mark, within=within)
         except BusyError:
             return _busy()
-        return Answer({"running": work.facts()})
+        return JsonAnswer({"running": work.facts()})
 
     def _result(self, kind: str) -> Callable[[Visit], Any]:
         async def answer(visit: Visit) -> Response:
@@ -333,7 +333,7 @@ class RecipeAnswers:
             return refused(409, str(error))
         except OSError as error:
             return refused(507, str(error.strerror or error))
-        return Answer({"done": True})
+        return JsonAnswer({"done": True})
 
     def _short(self, error: ConfigError) -> str:
         """Return a message without the folder of the project."""

@@ -13,7 +13,7 @@ from controller.history.reviewing import PartDecision, agreement, decide
 
 from ..frame.drawn import mesh_of, packed, packed_json
 from ..frame.screens import GetRoute, PostBody, PostRoute, Setting
-from ..frame.visit import Answer, Visit, refused, worded
+from ..frame.visit import JsonAnswer, Visit, refused, worded
 from ..frame.words import word
 from ..records import Records, page_asked, page_count, part_key, unread, verdict_class
 from ..security import Role
@@ -180,7 +180,7 @@ class ReviewAnswers:
             return refused(404, word("there is no such part"))
         except HistoryError as error:
             return refused(409, str(error))
-        return Answer({"review": part["review"], "part": part["part"]})
+        return JsonAnswer({"review": part["review"], "part": part["part"]})
 
 
 def unproven(part: Mapping[str, Any]) -> list[Mapping[str, Any]]:

@@ -57,7 +57,7 @@ class _RefusalError(Exception):
         self.headers = headers
 
 
-class Rest:
+class RestWire:
     """The server of this wire.
 
     Parameters

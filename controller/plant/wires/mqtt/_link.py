@@ -4,7 +4,7 @@ Not responsible for topics and payloads. Source: MQTT 5.0, OASIS Standard, 2019-
 of its sections stand at the lines. aiomqtt 2.5 hides what decides here whether a result arrived:
 the reason in a PUBACK (3.4.2.1), and the loss of the connection while one is awaited. It waits to
 write to a socket that has been closed, for the answer of a broker that has hung up, and leaves
-errors that nobody asks for. `Link` mends these.
+errors that nobody asks for. `BrokerLink` mends these.
 """
 
 import asyncio
@@ -95,7 +95,7 @@ class Access:
         return context
 
 
-class Link(aiomqtt.Client):
+class BrokerLink(aiomqtt.Client):
     """A connection, made by `connected`."""
 
     def __init__(self, access: Access, identifier: str, will: Message) -> None:
@@ -278,7 +278,7 @@ class Link(aiomqtt.Client):
 
 
 @asynccontextmanager
-async def connected(access: Access, identifier: str, will: Message) -> AsyncIterator[Link]:
+async def connected(access: Access, identifier: str, will: Message) -> AsyncIterator[BrokerLink]:
     """Connect for the time of a block; when it is left, the will is published.
 
     Parameters
@@ -297,7 +297,7 @@ async def connected(access: Access, identifier: str, will: Message) -> AsyncIter
     OSError : a file of `access` cannot be used
     """
     host, port = access.settings.address
-    link = Link(access, identifier, will)
+    link = BrokerLink(access, identifier, will)
     try:
         async with link:
             try:

@@ -37,7 +37,7 @@ from ...model import (
 )
 from ...plant import Plant, PlantError, RejectedError
 from ..tasks import together
-from ._link import Access, Link, Message, connected
+from ._link import Access, BrokerLink, Message, connected
 
 log = logging.getLogger(__name__)
 
@@ -73,7 +73,7 @@ class MqttWire:
     def __init__(self, settings: MqttSection, folder: Path) -> None:
         self._access = Access(settings, folder)
         self._settings = settings
-        self._link: Link | None = None
+        self._link: BrokerLink | None = None
         self._is_connected = asyncio.Event()
         self._prefix = ""
         self._cuts: tuple[str, int] = ("", 0)
@@ -121,7 +121,7 @@ class MqttWire:
             raise
         self._cuts = ("", 0)
 
-    async def _connection(self) -> Link:
+    async def _connection(self) -> BrokerLink:
         """Wait for a connection: `serve` makes it, and begins again without being asked."""
         while self._link is None:
             self._is_connected.clear()
@@ -135,11 +135,11 @@ class MqttWire:
                 f" {size} bytes; see its limit of a message's size (max_packet_size)"
             )
 
-    async def _tell_states(self, link: Link, plant: Plant) -> None:
+    async def _tell_states(self, link: BrokerLink, plant: Plant) -> None:
         async for state in plant.states():
             await self._tell(link, "state", state)
 
-    async def _tell_orders(self, link: Link, plant: Plant) -> None:
+    async def _tell_orders(self, link: BrokerLink, plant: Plant) -> None:
         changes = plant.order_changes()  # asked for first, so that none is missed
         orders = await plant.orders()
         if orders:
@@ -147,13 +147,13 @@ class MqttWire:
         async for order in changes:
             await self._tell(link, "order", order)
 
-    async def _tell(self, link: Link, topic: str, payload: Payload) -> None:
+    async def _tell(self, link: BrokerLink, topic: str, payload: Payload) -> None:
         """Tell something retained; a broker that does not take it hinders nothing else."""
         await _send_or_warn(
             link, Message(f"{self._prefix}/{topic}", as_json(payload), is_retained=True)
         )
 
-    async def _take(self, link: Link, plant: Plant) -> None:
+    async def _take(self, link: BrokerLink, plant: Plant) -> None:
         topic = f"{self._prefix}/cmd/order"
         if self._settings.is_known:
             try:
@@ -184,7 +184,7 @@ class MqttWire:
         return OrderRefusal(cell=plant.cell, number=number, reason=reason)
 
     async def _answer(
-        self, link: Link, message: aiomqtt.Message, answer: OrderState | OrderRefusal
+        self, link: BrokerLink, message: aiomqtt.Message, answer: OrderState | OrderRefusal
     ) -> None:
         own = f"{self._prefix}/cmd/order/reply"
         topic, properties = own, Properties(PacketTypes.PUBLISH)
@@ -206,7 +206,9 @@ class MqttWire:
         )
 
 
-async def _send_or_warn(link: Link, message: Message, properties: Properties | None = None) -> None:
+async def _send_or_warn(
+    link: BrokerLink, message: Message, properties: Properties | None = None
+) -> None:
     """Publish what may be missed; a connection that is gone still ends the wire."""
     try:
         await link.send(message, properties)

@@ -16,7 +16,7 @@ from controller.config.cell.mqtt import MqttSection, SparkplugSection
 from ...model import Notice, PartResult
 from ...plant import Plant, PlantError
 from ..tasks import together
-from ._link import Access, Link, connected
+from ._link import Access, BrokerLink, connected
 from .node import NAMESPACE, EdgeNode, as_ms, came_about, notice_values, state_values
 from .payload import Value
 
@@ -39,7 +39,7 @@ class SparkplugWire:
         self._settings = sparkplug
         self.node: EdgeNode | None = None
         self._plant: Plant | None = None
-        self._link: Link | None = None
+        self._link: BrokerLink | None = None
         self._speaking = asyncio.Lock()
         self._birth_due = asyncio.Event()
         self._is_born = asyncio.Event()
@@ -115,7 +115,7 @@ class SparkplugWire:
             if message is not None:
                 await link.send(message)
 
-    async def _bear(self, link: Link, node: EdgeNode) -> None:
+    async def _bear(self, link: BrokerLink, node: EdgeNode) -> None:
         while True:
             await self._birth_due.wait()
             async with self._speaking:
@@ -125,7 +125,7 @@ class SparkplugWire:
                 self._is_born.set()
             await asyncio.sleep(BIRTH_PAUSE_S)
 
-    async def _hear(self, link: Link, node: EdgeNode) -> None:
+    async def _hear(self, link: BrokerLink, node: EdgeNode) -> None:
         async for message in link.received():
             if message.topic.value == node.command_topic:
                 is_live = self._is_born.is_set() and not message.retain

@@ -21,9 +21,9 @@ from controller.plant.model import PACKML_NUMBERS, CellState
 
 from .states import (
     OPERATIONAL,
-    OPERATIONAL_PLACES,
-    Place,
-    Step,
+    OPERATIONAL_STATES,
+    VisionState,
+    VisionTransition,
     item_word,
     system_state,
 )
@@ -212,9 +212,11 @@ class CellSpace:
         """Return a transition by its browse name."""
         return self._types["outer"].get(name) or self._types["inner"][name]
 
-    def state(self, place: Place) -> Numbered:
-        """Return the innermost state of a place."""
-        return self._types["inner" if place in OPERATIONAL_PLACES else "outer"][place.value]
+    def state(self, vision_state: VisionState) -> Numbered:
+        """Return the innermost state, as the machine numbers it."""
+        return self._types["inner" if vision_state in OPERATIONAL_STATES else "outer"][
+            vision_state.value
+        ]
 
     async def write(self, name: str, value: Any, status: ua.StatusCode | None = None) -> None:
         """Write a variable of the cell.
@@ -236,35 +238,35 @@ class CellSpace:
             ),
         )
 
-    async def show_step(self, step: Step) -> None:
+    async def show_transition(self, transition: VisionTransition) -> None:
         """Show that the machine has made a transition."""
         now = datetime.now(UTC)
-        moved = self.transition(step.transition)
-        machine = "outer" if step.transition in self._types["outer"] else "inner"
-        await self.show_place(step.after)
-        await self.write(f"{machine}/LastTransition", ua.LocalizedText(step.transition))
+        moved = self.transition(transition.name)
+        machine = "outer" if transition.name in self._types["outer"] else "inner"
+        await self.show_state(transition.after)
+        await self.write(f"{machine}/LastTransition", ua.LocalizedText(transition.name))
         await self.write(f"{machine}/LastTransition/Id", moved.node)
         await self.write(f"{machine}/LastTransition/Number", _uint32(moved.number))
         await self.write(f"{machine}/LastTransition/TransitionTime", now)
 
-    async def show_place(self, place: Place) -> None:
+    async def show_state(self, vision_state: VisionState) -> None:
         """Show the state of both machines; the inner one has none outside Operational."""
-        outer = self._types["outer"][place.outer]
-        await self.write("outer/CurrentState", ua.LocalizedText(place.outer))
+        outer = self._types["outer"][vision_state.outer]
+        await self.write("outer/CurrentState", ua.LocalizedText(vision_state.outer))
         await self.write("outer/CurrentState/Id", outer.node)
         await self.write("outer/CurrentState/Number", _uint32(outer.number))
-        if place.outer != OPERATIONAL:
+        if vision_state.outer != OPERATIONAL:
             for name in ("", "/Id", "/Number"):
                 await self.write(f"inner/CurrentState{name}", None, NOT_ACTIVE)
             return
-        inner = self._types["inner"][place.value]
-        await self.write("inner/CurrentState", ua.LocalizedText(place.value))
+        inner = self._types["inner"][vision_state.value]
+        await self.write("inner/CurrentState", ua.LocalizedText(vision_state.value))
         await self.write("inner/CurrentState/Id", inner.node)
         await self.write("inner/CurrentState/Number", _uint32(inner.number))
 
-    async def show_cell(self, cell: CellState, place: Place) -> None:
+    async def show_cell(self, cell: CellState, vision_state: VisionState) -> None:
         """Show the state of the cell in the words of SEMI E10, Machinery and PackML."""
-        word, why = system_state(cell, place)
+        word, why = system_state(cell, vision_state)
         await self.write(
             "system_state",
             record(

@@ -13,7 +13,7 @@ from typing import Final, Literal
 from controller.plant.model import CellState
 
 
-class Place(StrEnum):
+class VisionState(StrEnum):
     """A state of the vision system; the last four are below Operational."""
 
     PREOPERATIONAL = "Preoperational"
@@ -27,12 +27,12 @@ class Place(StrEnum):
     @property
     def outer(self) -> str:
         """Its name in the outer machine."""
-        return OPERATIONAL if self in OPERATIONAL_PLACES else self.value
+        return OPERATIONAL if self in OPERATIONAL_STATES else self.value
 
 
 OPERATIONAL: Final = "Operational"
-EXECUTING: Final = (Place.SINGLE, Place.CONTINUOUS)
-OPERATIONAL_PLACES: Final = (Place.INITIALIZED, Place.READY, *EXECUTING)
+EXECUTING: Final = (VisionState.SINGLE, VisionState.CONTINUOUS)
+OPERATIONAL_STATES: Final = (VisionState.INITIALIZED, VisionState.READY, *EXECUTING)
 
 Cause = Literal[
     "Halt", "Reset", "PrepareRecipe", "UnprepareRecipe", "StartSingleJob", "StartContinuous",
@@ -41,108 +41,123 @@ Cause = Literal[
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class VisionTransition:
     """A transition: its browse name in the NodeSet, and where it leads."""
 
-    transition: str
-    before: Place
-    after: Place
+    name: str
+    before: VisionState
+    after: VisionState
 
 
-def _steps(table: Mapping[str, tuple[tuple[Place, ...], Place]]) -> tuple[Step, ...]:
+def _transitions(
+    table: Mapping[str, tuple[tuple[VisionState, ...], VisionState]],
+) -> tuple[VisionTransition, ...]:
     return tuple(
-        Step(name, before, after) for name, (places, after) in table.items() for before in places
+        VisionTransition(name, before, after)
+        for name, (vision_states, after) in table.items()
+        for before in vision_states
     )
 
 
 # OPC 40100-1, tables of 8.2.8 and 8.3.7: the transitions that the system makes by itself
-BY_ITSELF: Final = _steps(
+BY_ITSELF: Final = _transitions(
     {
-        "PreoperationalToHaltedAuto": ((Place.PREOPERATIONAL,), Place.HALTED),
-        "PreoperationalToErrorAuto": ((Place.PREOPERATIONAL,), Place.ERROR),
-        "PreoperationalToOperationalAuto": ((Place.PREOPERATIONAL,), Place.INITIALIZED),
-        "HaltedToPreoperationalAuto": ((Place.HALTED,), Place.PREOPERATIONAL),
-        "ErrorToPreoperationalAuto": ((Place.ERROR,), Place.PREOPERATIONAL),
-        "ErrorToHaltedAuto": ((Place.ERROR,), Place.HALTED),
-        "ErrorToOperationalAuto": ((Place.ERROR,), Place.INITIALIZED),
-        "OperationalToPreoperationalAuto": (OPERATIONAL_PLACES, Place.PREOPERATIONAL),
-        "OperationalToHaltedAuto": (OPERATIONAL_PLACES, Place.HALTED),
-        "OperationalToErrorAuto": (OPERATIONAL_PLACES, Place.ERROR),
-        "InitializedToReadyAuto": ((Place.INITIALIZED,), Place.READY),
-        "ReadyToInitializedAuto": ((Place.READY,), Place.INITIALIZED),
-        "ReadyToSingleExecutionAuto": ((Place.READY,), Place.SINGLE),
-        "ReadyToContinuousExecutionAuto": ((Place.READY,), Place.CONTINUOUS),
-        "SingleExecutionToReadyAuto": ((Place.SINGLE,), Place.READY),
-        "ContinuousExecutionToReadyAuto": ((Place.CONTINUOUS,), Place.READY),
+        "PreoperationalToHaltedAuto": ((VisionState.PREOPERATIONAL,), VisionState.HALTED),
+        "PreoperationalToErrorAuto": ((VisionState.PREOPERATIONAL,), VisionState.ERROR),
+        "PreoperationalToOperationalAuto": ((VisionState.PREOPERATIONAL,), VisionState.INITIALIZED),
+        "HaltedToPreoperationalAuto": ((VisionState.HALTED,), VisionState.PREOPERATIONAL),
+        "ErrorToPreoperationalAuto": ((VisionState.ERROR,), VisionState.PREOPERATIONAL),
+        "ErrorToHaltedAuto": ((VisionState.ERROR,), VisionState.HALTED),
+        "ErrorToOperationalAuto": ((VisionState.ERROR,), VisionState.INITIALIZED),
+        "OperationalToPreoperationalAuto": (OPERATIONAL_STATES, VisionState.PREOPERATIONAL),
+        "OperationalToHaltedAuto": (OPERATIONAL_STATES, VisionState.HALTED),
+        "OperationalToErrorAuto": (OPERATIONAL_STATES, VisionState.ERROR),
+        "InitializedToReadyAuto": ((VisionState.INITIALIZED,), VisionState.READY),
+        "ReadyToInitializedAuto": ((VisionState.READY,), VisionState.INITIALIZED),
+        "ReadyToSingleExecutionAuto": ((VisionState.READY,), VisionState.SINGLE),
+        "ReadyToContinuousExecutionAuto": ((VisionState.READY,), VisionState.CONTINUOUS),
+        "SingleExecutionToReadyAuto": ((VisionState.SINGLE,), VisionState.READY),
+        "ContinuousExecutionToReadyAuto": ((VisionState.CONTINUOUS,), VisionState.READY),
     }
 )
 
 # and those that a client's method makes
-BY_METHOD: Final[Mapping[Cause, tuple[Step, ...]]] = {
-    "Halt": _steps(
+BY_METHOD: Final[Mapping[Cause, tuple[VisionTransition, ...]]] = {
+    "Halt": _transitions(
         {
-            "PreoperationalToHalted": ((Place.PREOPERATIONAL,), Place.HALTED),
-            "ErrorToHalted": ((Place.ERROR,), Place.HALTED),
-            "OperationalToHalted": (OPERATIONAL_PLACES, Place.HALTED),
+            "PreoperationalToHalted": ((VisionState.PREOPERATIONAL,), VisionState.HALTED),
+            "ErrorToHalted": ((VisionState.ERROR,), VisionState.HALTED),
+            "OperationalToHalted": (OPERATIONAL_STATES, VisionState.HALTED),
         }
     ),
-    "Reset": _steps(
+    "Reset": _transitions(
         {
-            "HaltedToPreoperational": ((Place.HALTED,), Place.PREOPERATIONAL),
-            "ErrorToPreoperational": ((Place.ERROR,), Place.PREOPERATIONAL),
-            "OperationalToPreoperational": (OPERATIONAL_PLACES, Place.PREOPERATIONAL),
+            "HaltedToPreoperational": ((VisionState.HALTED,), VisionState.PREOPERATIONAL),
+            "ErrorToPreoperational": ((VisionState.ERROR,), VisionState.PREOPERATIONAL),
+            "OperationalToPreoperational": (OPERATIONAL_STATES, VisionState.PREOPERATIONAL),
         }
     ),
-    "PrepareRecipe": _steps({"InitializedToReadyRecipe": ((Place.INITIALIZED,), Place.READY)}),
-    "UnprepareRecipe": _steps({"ReadyToInitializedRecipe": ((Place.READY,), Place.INITIALIZED)}),
-    "StartSingleJob": _steps({"ReadyToSingleExecution": ((Place.READY,), Place.SINGLE)}),
-    "StartContinuous": _steps({"ReadyToContinuousExecution": ((Place.READY,), Place.CONTINUOUS)}),
-    "Stop": _steps(
+    "PrepareRecipe": _transitions(
+        {"InitializedToReadyRecipe": ((VisionState.INITIALIZED,), VisionState.READY)}
+    ),
+    "UnprepareRecipe": _transitions(
+        {"ReadyToInitializedRecipe": ((VisionState.READY,), VisionState.INITIALIZED)}
+    ),
+    "StartSingleJob": _transitions(
+        {"ReadyToSingleExecution": ((VisionState.READY,), VisionState.SINGLE)}
+    ),
+    "StartContinuous": _transitions(
+        {"ReadyToContinuousExecution": ((VisionState.READY,), VisionState.CONTINUOUS)}
+    ),
+    "Stop": _transitions(
         {
-            "SingleExecutionToReadyStop": ((Place.SINGLE,), Place.READY),
-            "ContinuousExecutionToReadyStop": ((Place.CONTINUOUS,), Place.READY),
+            "SingleExecutionToReadyStop": ((VisionState.SINGLE,), VisionState.READY),
+            "ContinuousExecutionToReadyStop": ((VisionState.CONTINUOUS,), VisionState.READY),
         }
     ),
-    "Abort": _steps(
+    "Abort": _transitions(
         {
-            "SingleExecutionToReadyAbort": ((Place.SINGLE,), Place.READY),
-            "ContinuousExecutionToReadyAbort": ((Place.CONTINUOUS,), Place.READY),
+            "SingleExecutionToReadyAbort": ((VisionState.SINGLE,), VisionState.READY),
+            "ContinuousExecutionToReadyAbort": ((VisionState.CONTINUOUS,), VisionState.READY),
         }
     ),
 }
 
 
-def step_of(cause: Cause, at: Place) -> Step | None:
+def transition_of(cause: Cause, at: VisionState) -> VisionTransition | None:
     """Return the transition that a method makes in a state; None where it makes none."""
-    return next((step for step in BY_METHOD[cause] if step.before is at), None)
+    return next((transition for transition in BY_METHOD[cause] if transition.before is at), None)
 
 
-def way(at: Place, to: Place) -> tuple[Step, ...]:
+def transitions_between(at: VisionState, to: VisionState) -> tuple[VisionTransition, ...]:
     """Return the fewest transitions that the system makes by itself from a state to another.
 
     Raises
     ------
     ValueError : there is none; the table has one for each pair
     """
-    ways: deque[tuple[Place, tuple[Step, ...]]] = deque([(at, ())])
+    ways: deque[tuple[VisionState, tuple[VisionTransition, ...]]] = deque([(at, ())])
     seen = {at}
     while ways:
-        place, steps = ways.popleft()
-        if place is to:
-            return steps
-        for step in BY_ITSELF:
-            if step.before is place and step.after not in seen:
-                seen.add(step.after)
-                ways.append((step.after, (*steps, step)))
+        vision_state, transitions = ways.popleft()
+        if vision_state is to:
+            return transitions
+        for transition in BY_ITSELF:
+            if transition.before is vision_state and transition.after not in seen:
+                seen.add(transition.after)
+                ways.append((transition.after, (*transitions, transition)))
     raise ValueError(f"no way from {at} to {to}")
 
 
 JobKind = Literal["single", "continuous"]
-OF_KIND: Final[Mapping[JobKind, Place]] = {"single": Place.SINGLE, "continuous": Place.CONTINUOUS}
+OF_KIND: Final[Mapping[JobKind, VisionState]] = {
+    "single": VisionState.SINGLE,
+    "continuous": VisionState.CONTINUOUS,
+}
 
 
 @dataclass(frozen=True, slots=True)
-class Intent:
+class ClientRequest:
     """What clients have asked for and the cell does not know of.
 
     Attributes
@@ -160,42 +175,42 @@ class Intent:
     has_begun: bool = False
 
 
-def place_of(cell: CellState, intent: Intent, now: Place) -> Place:
+def vision_state_of(cell: CellState, request: ClientRequest, now: VisionState) -> VisionState:
     """Return the state in which the vision system is to be.
 
     Parameters
     ----------
     cell : state of the cell
-    intent : what clients have asked for
+    request : what clients have asked for
     now : where it is; kept while the cell does not tell yet how many parts a run is for
     """
     if cell.state == "unknown":
-        return Place.PREOPERATIONAL
-    if intent.is_halted or cell.state == "taken":
-        return Place.HALTED
+        return VisionState.PREOPERATIONAL
+    if request.is_halted or cell.state == "taken":
+        return VisionState.HALTED
     if cell.state == "left" or cell.packml in ("Aborting", "Aborted", "Clearing"):
-        return Place.ERROR
-    if intent.has_begun and intent.kind is not None and cell.run is None:
-        return OF_KIND[intent.kind]
+        return VisionState.ERROR
+    if request.has_begun and request.kind is not None and cell.run is None:
+        return OF_KIND[request.kind]
     if cell.packml in ("Stopping", "Complete"):
-        return Place.READY
+        return VisionState.READY
     if cell.state == "stopped":  # a run begins in this state, too, before its first part
-        return now if now in EXECUTING and not cell.part else Place.READY
+        return now if now in EXECUTING and not cell.part else VisionState.READY
     if cell.run is not None or cell.state == "starting":
-        return _executing(cell, intent, now)
-    return Place.READY if intent.is_prepared else Place.INITIALIZED
+        return _executing(cell, request, now)
+    return VisionState.READY if request.is_prepared else VisionState.INITIALIZED
 
 
-def _executing(cell: CellState, intent: Intent, now: Place) -> Place:
+def _executing(cell: CellState, request: ClientRequest, now: VisionState) -> VisionState:
     if now in EXECUTING:
         return now
-    is_ours = cell.order == intent.order or (cell.order is None and intent.has_begun)
-    if intent.kind is not None and is_ours:
-        return OF_KIND[intent.kind]
+    is_ours = cell.order == request.order or (cell.order is None and request.has_begun)
+    if request.kind is not None and is_ours:
+        return OF_KIND[request.kind]
     ordered = sum(count for _, count in cell.done.values())
     if not ordered:
-        return now if now in OPERATIONAL_PLACES else Place.READY
-    return Place.SINGLE if ordered == 1 else Place.CONTINUOUS
+        return now if now in OPERATIONAL_STATES else VisionState.READY
+    return VisionState.SINGLE if ordered == 1 else VisionState.CONTINUOUS
 
 
 ItemWord = Literal["NotAvailable", "OutOfService", "NotExecuting", "Executing"]
@@ -225,17 +240,17 @@ class SystemState(StrEnum):
     NON_SCHEDULED = "NST_6"
 
 
-def system_state(cell: CellState, place: Place) -> tuple[SystemState, str]:
+def system_state(cell: CellState, vision_state: VisionState) -> tuple[SystemState, str]:
     """Return how the time of the cell counts by SEMI E10, and why, as a sentence."""
     said = cell.question.text if cell.question else cell.message
-    if place is Place.PREOPERATIONAL:
+    if vision_state is VisionState.PREOPERATIONAL:
         return SystemState.NON_SCHEDULED, said or "the cell does not answer"
     if cell.state == "taken":
         return SystemState.ENGINEERING, said or "another command has the cell"
-    if place is Place.ERROR or cell.packml in ("Holding", "Held"):
+    if vision_state is VisionState.ERROR or cell.packml in ("Holding", "Held"):
         return SystemState.UNSCHEDULED_DOWN, said or cell.state
-    if place is Place.HALTED:
+    if vision_state is VisionState.HALTED:
         return SystemState.SCHEDULED_DOWN, said or "halted by a client until Reset"
-    if place in EXECUTING and cell.packml not in ("Suspending", "Suspended", "Unsuspending"):
+    if vision_state in EXECUTING and cell.packml not in ("Suspending", "Suspended", "Unsuspending"):
         return SystemState.PRODUCTIVE, said or cell.state
     return SystemState.STANDBY, said or cell.state

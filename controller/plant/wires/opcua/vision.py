@@ -26,13 +26,13 @@ from .space import CellSpace
 from .states import (
     EXECUTING,
     Cause,
-    Intent,
+    ClientRequest,
     JobKind,
-    Place,
-    Step,
-    place_of,
-    step_of,
-    way,
+    VisionState,
+    VisionTransition,
+    transition_of,
+    transitions_between,
+    vision_state_of,
 )
 from .values import internal_recipe, record, result_fields, text
 
@@ -84,7 +84,7 @@ class _Kept(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class VisionJob:
     """A job that was accepted and is not over.
 
     Attributes
@@ -117,23 +117,23 @@ class VisionSystem:
         self._events = events
         self._path = path
         self._kept = _read(path)
-        self._place = Place.PREOPERATIONAL
+        self._vision_state = VisionState.PREOPERATIONAL
         self._cell: CellState | None = None
-        self._job: Job | None = None
+        self._job: VisionJob | None = None
         self._turn = asyncio.Lock()
 
     @property
-    def place(self) -> Place:
+    def vision_state(self) -> VisionState:
         """State of the machine now."""
-        return self._place
+        return self._vision_state
 
     async def begin(self) -> None:
         """Show where the cell stands, with a job that another life of the bridge began."""
         async with self._turn:
-            await self._space.show_place(self._place)
+            await self._space.show_state(self._vision_state)
             for order in await self.plant.orders():
                 if order.source.endswith(SOURCE) and order.is_open:
-                    self._job = Job(order.number, _kind(order), order.state)
+                    self._job = VisionJob(order.number, _kind(order), order.state)
             self._cell = await self.plant.state()
             await self._settle()
 
@@ -188,7 +188,7 @@ class VisionSystem:
         ------
         NotDoneError : it cannot be used, or the machine is in another state
         """
-        async with self._call("PrepareRecipe", Place.INITIALIZED, Place.READY):
+        async with self._call("PrepareRecipe", VisionState.INITIALIZED, VisionState.READY):
             if offer.problem:
                 raise NotDoneError(Refusal.REFUSED, offer.problem)
             self._keep(prepared=offer.key, prepared_sha256=offer.sha256)
@@ -209,7 +209,7 @@ class VisionSystem:
         ------
         NotDoneError : it is not prepared, or the machine is in another state
         """
-        async with self._call("UnprepareRecipe", Place.READY):
+        async with self._call("UnprepareRecipe", VisionState.READY):
             if self._kept.prepared != offer.key:
                 raise NotDoneError(Refusal.STATE, f"{offer.key} is not prepared")
             self._keep(prepared=None, prepared_sha256="")
@@ -247,7 +247,7 @@ class VisionSystem:
         NotDoneError : no recipe is prepared, a job is running, or the cell refuses
         """
         cause: Cause = "StartSingleJob" if kind == "single" else "StartContinuous"
-        async with self._call(cause, Place.READY):
+        async with self._call(cause, VisionState.READY):
             prepared = await self._prepared_offer()
             if recipe and recipe != prepared.key:
                 raise NotDoneError(Refusal.STATE, f"{recipe} is not prepared, {prepared.key} is")
@@ -275,7 +275,7 @@ class VisionSystem:
             if order.state == "refused":
                 raise NotDoneError(Refusal.REFUSED, order.reason or "the cell refuses the order")
             if order.is_open:
-                self._job = Job(number, kind, order.state)
+                self._job = VisionJob(number, kind, order.state)
             return number
 
     async def stop(self, cause: Cause, account: str, why: str) -> None:
@@ -291,7 +291,7 @@ class VisionSystem:
         ------
         NotDoneError : nothing runs, or the cell refuses
         """
-        async with self._call(cause, *EXECUTING, Place.READY):
+        async with self._call(cause, *EXECUTING, VisionState.READY):
             await self._end_job(cause, account, why)
 
     async def halt(self, account: str, why: str) -> None:
@@ -301,10 +301,10 @@ class VisionSystem:
         ------
         NotDoneError : halted already, or the cell does not stop
         """
-        async with self._call("Halt", *Place):
-            if self._place is Place.HALTED:
+        async with self._call("Halt", *VisionState):
+            if self._vision_state is VisionState.HALTED:
                 raise NotDoneError(Refusal.STATE, "halted already")
-            if self._place in EXECUTING or self._job is not None:
+            if self._vision_state in EXECUTING or self._job is not None:
                 await self._end_job("Stop", account, why)
             self._keep(is_halted=True)
 
@@ -315,14 +315,14 @@ class VisionSystem:
         ------
         NotDoneError : a person has to clear an error, or a job is running
         """
-        async with self._call("Reset", *Place):
-            if self._place is Place.ERROR:
+        async with self._call("Reset", *VisionState):
+            if self._vision_state is VisionState.ERROR:
                 said = self._cell.message if self._cell else ""
                 raise NotDoneError(
                     Refusal.REFUSED,
                     f"a person at the cell must clear this: {said or 'see its screen'}",
                 )
-            if self._place in EXECUTING or self._job is not None:
+            if self._vision_state in EXECUTING or self._job is not None:
                 raise NotDoneError(Refusal.STATE, "a job is running; stop it first")
             self._keep(prepared=None, prepared_sha256="", is_halted=False)
 
@@ -333,24 +333,24 @@ class VisionSystem:
     # within
 
     @asynccontextmanager
-    async def _call(self, cause: Cause, *places: Place) -> AsyncIterator[None]:
+    async def _call(self, cause: Cause, *vision_states: VisionState) -> AsyncIterator[None]:
         """Let a call do its part in one of some states; then make its transition and settle."""
         try:
             async with self._turn, asyncio.timeout(CALL_MAX_WALL_S):
-                if self._place not in places:
+                if self._vision_state not in vision_states:
                     raise NotDoneError(
                         Refusal.STATE,
-                        f"{cause} is not possible in {self._place}, only in"
-                        f" {', '.join(dict.fromkeys(places))}",
+                        f"{cause} is not possible in {self._vision_state}, only in"
+                        f" {', '.join(dict.fromkeys(vision_states))}",
                     )
                 yield
-                step = step_of(cause, self._place)
+                transition = transition_of(cause, self._vision_state)
                 # a job that waits for a person's release has not begun
                 has_waited = cause in ("StartSingleJob", "StartContinuous") and not (
                     self._job is not None and self._job.state in BEGUN
                 )
-                if step is not None and not has_waited:
-                    await self._make(step)
+                if transition is not None and not has_waited:
+                    await self._make(transition)
                 await self._settle()
         except NotDoneError:
             raise
@@ -373,7 +373,7 @@ class VisionSystem:
             else:
                 self._job = None
                 return
-        if self._place not in EXECUTING:
+        if self._vision_state not in EXECUTING:
             raise NotDoneError(Refusal.STATE, "nothing runs")
         do = self.plant.abort if cause == "Abort" else self.plant.stop
         word = await do(source, why)
@@ -397,43 +397,45 @@ class VisionSystem:
         if self._cell is None:
             return
         job = self._job
-        intent = Intent(
+        request = ClientRequest(
             is_prepared=self._kept.prepared is not None,
             is_halted=self._kept.is_halted,
             order=job.order if job else None,
             kind=job.kind if job else None,
             has_begun=job is not None and job.state in BEGUN and not job.has_run,
         )
-        for step in way(self._place, place_of(self._cell, intent, self._place)):
-            await self._make(step)
-        await self._space.show_cell(self._cell, self._place)
+        for transition in transitions_between(
+            self._vision_state, vision_state_of(self._cell, request, self._vision_state)
+        ):
+            await self._make(transition)
+        await self._space.show_cell(self._cell, self._vision_state)
 
-    async def _make(self, step: Step) -> None:
+    async def _make(self, transition: VisionTransition) -> None:
         """Make a transition, with the events that belong to it."""
-        before, self._place = self._place, step.after
-        await self._space.show_step(step)
-        transition = self._space.transition(step.transition)
+        before, self._vision_state = self._vision_state, transition.after
+        await self._space.show_transition(transition)
+        shown = self._space.transition(transition.name)
         await self._events.raised(
             "StateChanged",
-            say("{before} to {after}", before=before, after=step.after),
+            say("{before} to {after}", before=before, after=transition.after),
             {
                 "FromState": text(before.value),
                 "FromState/Id": self._space.state(before).node,
-                "ToState": text(step.after.value),
-                "ToState/Id": self._space.state(step.after).node,
-                "Transition": text(step.transition),
-                "Transition/Id": transition.node,
+                "ToState": text(transition.after.value),
+                "ToState/Id": self._space.state(transition.after).node,
+                "Transition": text(transition.name),
+                "Transition/Id": shown.node,
             },
         )
-        said = (self._cell.message if self._cell else "") or step.after.value
-        if step.after is Place.ERROR:
+        said = (self._cell.message if self._cell else "") or transition.after.value
+        if transition.after is VisionState.ERROR:
             await self._events.raised("Error", said)
-        elif before is Place.ERROR:
+        elif before is VisionState.ERROR:
             await self._events.raised("ErrorResolved", "the error is cleared")
         job_id = record("JobIdDataType", Id=self._job_id())
-        if step.after in EXECUTING:
+        if transition.after in EXECUTING:
             await self._events.raised("JobStarted", "a job has begun", {"JobId": job_id})
-        elif before in EXECUTING and step.after is Place.READY:
+        elif before in EXECUTING and transition.after is VisionState.READY:
             await self._events.raised("Ready", "the job is over", {"JobId": job_id})
 
     def _job_id(self) -> str:

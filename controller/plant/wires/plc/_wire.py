@@ -14,7 +14,7 @@ from ...plant import Plant, PlantError
 from ..tasks import together
 from ._server import ModbusServer
 from .handshake import MAX_WAITING, Action, Handshake, StartOrder
-from .registers import COMMAND, COUNT, CommandBit, Reason, read_command
+from .registers import COMMAND, COUNT, CommandBit, FailureReason, read_command
 
 log = logging.getLogger(__name__)
 
@@ -150,7 +150,7 @@ class PlcWire:
                 log.warning("PLC: %s", error)
                 is_start = command is CommandBit.START
                 self._handshake.fail(
-                    command, Reason.ORDER_REFUSED if is_start else Reason.STOP_REFUSED
+                    command, FailureReason.ORDER_REFUSED if is_start else FailureReason.STOP_REFUSED
                 )
 
     async def _stop(self, plant: Plant) -> None:

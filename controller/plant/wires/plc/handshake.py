@@ -27,7 +27,7 @@ from .registers import (
     VERSION,
     Command,
     CommandBit,
-    Reason,
+    FailureReason,
     Status,
     result_registers,
 )
@@ -80,7 +80,7 @@ class Handshake:
         self._is_pending = False
         self._is_acknowledged = False
         self._failed_by: CommandBit | None = None
-        self._reason = Reason.NONE
+        self._reason = FailureReason.NONE
         self._alarm = 0
         self._shown: PartResult | None = None
         self._is_valid = False
@@ -106,7 +106,7 @@ class Handshake:
         if falling & CommandBit.START:
             self._is_acknowledged = False
         if rising & CommandBit.RESET:
-            self._failed_by, self._reason = None, Reason.NONE
+            self._failed_by, self._reason = None, FailureReason.NONE
         if rising & CommandBit.STOP:
             actions.append(StopCell())
         if rising & CommandBit.START:
@@ -135,14 +135,14 @@ class Handshake:
         self._order = order if order.is_open else None
         if order.state == "refused":
             self._is_acknowledged = False
-            self.fail(CommandBit.START, Reason.ORDER_REFUSED)
+            self.fail(CommandBit.START, FailureReason.ORDER_REFUSED)
 
     def abandon(self) -> None:
         """Take note that what was to be done is not: the wire was interrupted."""
         if self._is_pending:
-            self.fail(CommandBit.START, Reason.NOT_READY)
+            self.fail(CommandBit.START, FailureReason.NOT_READY)
 
-    def fail(self, command: CommandBit, reason: Reason) -> None:
+    def fail(self, command: CommandBit, reason: FailureReason) -> None:
         """Tell the PLC that a command was not carried out."""
         if command == CommandBit.START:
             self._is_pending = False
@@ -203,7 +203,7 @@ class Handshake:
         found, state = Status(0), self._state
         if state is not None and state.online and state.state != "unknown":
             found |= Status.ONLINE
-        if self._bar() is Reason.NONE:
+        if self._bar() is FailureReason.NONE:
             found |= Status.READY
         if self._is_pending or self._order is not None:
             found |= Status.BUSY
@@ -227,36 +227,38 @@ class Handshake:
             self._is_valid = True
 
     def _start(self, command: Command) -> list[Action]:
-        self._failed_by, self._reason = None, Reason.NONE
+        self._failed_by, self._reason = None, FailureReason.NONE
         reason = self._bar()
         quantity = command.quantity or 1
         name = self._recipes.get(command.recipe)
-        if reason is Reason.NONE and name is None:
-            reason = Reason.UNKNOWN_RECIPE
-        if reason is Reason.NONE and (command.serial is None or (command.serial and quantity > 1)):
-            reason = Reason.BAD_SERIAL
-        if reason is not Reason.NONE or name is None:
+        if reason is FailureReason.NONE and name is None:
+            reason = FailureReason.UNKNOWN_RECIPE
+        if reason is FailureReason.NONE and (
+            command.serial is None or (command.serial and quantity > 1)
+        ):
+            reason = FailureReason.BAD_SERIAL
+        if reason is not FailureReason.NONE or name is None:
             self._failed_by, self._reason = CommandBit.START, reason
             return []
         self._is_pending = True
         return [StartOrder(name, quantity, command.serial or "")]
 
-    def _bar(self) -> Reason:
+    def _bar(self) -> FailureReason:
         """Return what keeps a start from being taken, whatever its recipe."""
         state = self._state
         if self._is_pending or self._order is not None:
-            return Reason.BUSY
+            return FailureReason.BUSY
         if self._command.bits & CommandBit.STOP:
-            return Reason.STOP_BIT_IS_SET
+            return FailureReason.STOP_BIT_IS_SET
         if not self._plc_is_alive():
-            return Reason.HEARTBEAT_STANDS
+            return FailureReason.HEARTBEAT_STANDS
         if state is not None and state.may_start == "never":
-            return Reason.REMOTE_NOT_ALLOWED
+            return FailureReason.REMOTE_NOT_ALLOWED
         if self._waiting >= MAX_WAITING:
-            return Reason.RESULTS_WAIT
+            return FailureReason.RESULTS_WAIT
         if state is None or not state.online or not state.is_ready:
-            return Reason.NOT_READY
-        return Reason.NONE
+            return FailureReason.NOT_READY
+        return FailureReason.NONE
 
     def _plc_is_alive(self) -> bool:
         return (

@@ -66,7 +66,7 @@ class CommandBit(IntFlag):
 NO_BITS: Final = CommandBit(0)
 
 
-class Reason(IntEnum):
+class FailureReason(IntEnum):
     """Why a command failed."""
 
     NONE = 0
