@@ -43,7 +43,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="share of the slow tests that run, drawn (default: 1)",
     )  # fmt: skip
     group.addoption(
-        "--slow-seed", default="", metavar="TEXT", help="what they are drawn by (a commit)"
+        "--slow-seed", default="", metavar="TEXT", help="what they are drawn by (a version)"
     )
 
 
