@@ -21,6 +21,9 @@ from .plant import Plant, PlantError
 log = logging.getLogger(__name__)
 PERIOD_WALL_S: Final = 600.0  # between two looks for pictures to copy or to delete
 LOOK_WALL_S: Final = 0.5  # between two looks whether a run has begun meanwhile
+# Time of a copy to end once it is asked to; a shell that starts jobs in the background has them
+# ignore the signal that asks.
+END_WALL_S: Final = 10.0
 IDLE: Final = ("free", "left")  # states without a run
 
 
@@ -32,6 +35,7 @@ class PictureKeeper:
     runs_dir : folder of all runs
     program : begins the command line of cellctl
     period_s : pause between two looks [s of the wall]
+    end_s : time of a copy to end once it is asked to [s of the wall]; then it is killed
     """
 
     name = "pictures"
@@ -41,10 +45,12 @@ class PictureKeeper:
         runs_dir: Path,
         program: Sequence[str] = CELLCTL,
         period_s: float = PERIOD_WALL_S,
+        end_s: float = END_WALL_S,
     ) -> None:
         self._command = (*program, "history", "--keep-pictures", "--json", "--runs", str(runs_dir))
         self._journal = runs_dir / JOURNAL_NAME
         self._period_s = period_s
+        self._end_s = end_s
 
     async def serve(self, plant: Plant) -> None:
         """Keep the pictures until cancelled; a run that begins meanwhile goes before it.
@@ -68,14 +74,22 @@ class PictureKeeper:
                         log.info("pictures: a run begins, the rest is kept after it")
                         return
             finally:
-                if process.poll() is None:  # what is copied is noted, the rest is copied next time
-                    process.send_signal(signal.SIGINT)
-                await asyncio.shield(asyncio.to_thread(process.wait))
+                await asyncio.shield(asyncio.to_thread(self._end, process))
             for line in _lines(out):
                 log.info("pictures: %s", line)
             if process.returncode:
                 *_, last = (f"ended with {process.returncode}", *_lines(said))
                 raise PlantError(last)
+
+    def _end(self, process: subprocess.Popen[bytes]) -> None:
+        """End the command; what is copied is noted, the rest is copied next time."""
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            process.wait(self._end_s)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
     def _begun(self, out: IO[bytes], said: IO[bytes]) -> subprocess.Popen[bytes]:
         nothing = subprocess.DEVNULL

@@ -53,8 +53,8 @@ class Keeping:
         self.runs.mkdir()
         (self.runs / JOURNAL_NAME).touch()
         (folder / "fake.py").write_text(FAKE)
-        program = (sys.executable, str(folder / "fake.py"), str(folder))
-        self.keeper = PictureKeeper(self.runs, program, period_s=0.01)
+        self.program = (sys.executable, str(folder / "fake.py"), str(folder))
+        self.keeper = PictureKeeper(self.runs, self.program, period_s=0.01)
         self.plant = AskedPlant()
 
     def calls(self) -> list[list[str]]:
@@ -118,6 +118,19 @@ async def test_a_bridge_that_ends_ends_the_copying(at: Keeping) -> None:
     serving.cancel()
     await asyncio.gather(serving, return_exceptions=True)
     assert (at.folder / "interrupted").exists()
+
+
+async def test_a_copying_that_does_not_end_when_asked_is_killed(at: Keeping) -> None:
+    fake = at.folder / "fake.py"
+    ignoring = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+    fake.write_text(ignoring + fake.read_text())
+    at.keeper = PictureKeeper(at.runs, at.program, period_s=0.01, end_s=0.1)
+    serving = asyncio.create_task(at.keeper.serve(at.plant))
+    await at.until(1)
+    serving.cancel()
+    async with asyncio.timeout(60):
+        await asyncio.gather(serving, return_exceptions=True)
+    assert not (at.folder / "interrupted").exists()
 
 
 async def test_the_commands_last_sentence_is_the_error(at: Keeping) -> None:
