@@ -42,8 +42,8 @@ def test_a_recorded_run_replays_byte_by_byte_and_another_force_is_found(tmp_path
     shutil.copytree(recipe.parent, tmp_path / "recipes")
     changed = tmp_path / "recipes" / recipe.name
     text = recipe.read_text(encoding="utf-8")
-    assert "force_n: 60" in text
-    changed.write_text(text.replace("force_n: 60", "force_n: 55"), encoding="utf-8")
+    assert "grasp:" not in text  # 60 N by default
+    changed.write_text(text + "grasp: {force_n: 55}\n", encoding="utf-8")
     code, other = cellctl("replay", "--wires", wires, "--recipe", changed)
     assert code == 1
     found = other["difference"]

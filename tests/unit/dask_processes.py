@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import socket
 import sqlite3
@@ -12,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryFile
 
 MAX_WALL_S = 1200.0  # a guard against a hang, no measure
 
@@ -107,19 +109,28 @@ def rejudge_with_kills(words: Sequence[str], store: Path, kills: Sequence[int]) 
     kills : numbers of parts judged at which a worker is killed, another started in its place; at
         the last one the scheduler is killed
     """
-    with cluster(2) as dask:
+    with cluster(2) as dask, TemporaryFile("w+", encoding="utf-8") as said:
         command = [sys.executable, "-m", "controller.cli", *words, "--jobs", dask.address]
-        first = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-        )
+        first = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=said)
+
+        def heard() -> str:
+            return os.pread(said.fileno(), 1 << 20, 0).decode()
+
         try:
-            for number in kills[:-1]:
+            for count, number in enumerate(kills[:-1], start=1):
                 wait_until(lambda n=number: _judged(store) >= n or first.poll() is not None)
                 dask.kill_worker()
+                # the command has seen it go before another comes
+                wait_until(
+                    lambda n=count: (
+                        heard().count("workers: 1 of 2") >= n or first.poll() is not None
+                    )
+                )
                 dask.start_worker()
             wait_until(lambda: _judged(store) >= kills[-1] or first.poll() is not None)
             dask.kill_scheduler()
-            _, first_error = first.communicate(timeout=MAX_WALL_S)
+            first.wait(timeout=MAX_WALL_S)
+            first_error = heard()
         finally:
             first.kill()
         while dask.workers:
