@@ -93,7 +93,7 @@ class Witness(threading.Thread):
 
 
 def one_run(
-    recipe: str, seed: int, speed: float, lay: Path | None, what: str, runs: Path, cell: str = ""
+    recipe: str, seed: int, speed: float, lay: Path | None, what: str, runs: Path, cell: str
 ) -> Trial:
     """Run once; never raises for what the cell does."""
     with tempfile.TemporaryDirectory(prefix="cellbench") as scratch:

@@ -1,8 +1,10 @@
 """Names of array types; each function states their shape, unit and frame.
 
 Replacements for slow operations of NumPy, the same to the last bit: sums over an axis of two or
-three, and medians of few values.
+three, and medians of few values. And what many rooms do with grids of pixels.
 """
+
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,8 @@ IndexArray = NDArray[np.intp]
 Grey = NDArray[np.uint8]
 # A picture in colour, (height, width, 3).
 Picture = NDArray[np.uint8]
+
+Number = TypeVar("Number", bound=np.generic)
 
 
 def inner(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -41,3 +45,16 @@ def median(values: FloatArray | Float32Array) -> float:
         return float(np.partition(values, half)[half])
     low, high = np.partition(values, (half - 1, half))[half - 1 : half + 1]
     return float((low + high) / 2)
+
+
+def on_each_pixel(values: NDArray[Number], step_px: int, shape: tuple[int, ...]) -> NDArray[Number]:
+    """Return values of every ``step_px``-th pixel on each pixel, (height, width).
+
+    Parameters
+    ----------
+    values : each for the pixels from its own on, to the right and below
+    step_px : distance of those pixels
+    shape : (height, width)
+    """
+    height, width = shape
+    return np.repeat(np.repeat(values, step_px, axis=0), step_px, axis=1)[:height, :width]

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import trimesh
 
-from controller.arrays import BoolArray, FloatArray, IntArray, inner, lengths
+from controller.arrays import BoolArray, FloatArray, IntArray, inner, lengths, on_each_pixel
 from controller.cad import SurfaceSamples
 from controller.imaging import (
     Camera,
@@ -27,8 +27,9 @@ from .limits import FLATTEST_COS, POSE_SPREADS
 # less. Two of both together are 1.3 mm.
 GRIPPER_MM: Final = 0.46
 FINGER_MM: Final = 0.46
-BORDER_PX: Final = 2.0  # blur of its edge, and the raster of its mask
-MASK_STEP_PX: Final = 2
+BORDER_PX: Final = 2.0  # blur of its edge, and the raster of its mask before the part
+MASK_STEP_PX: Final = 2  # raster of the mask before the part
+COARSE_STEP_PX: Final = 4  # and of the whole picture's, but at its border
 UNIT_BOX: Final = trimesh.creation.box()  # of side 1, about the origin
 SPOT_RADIUS_MM: Final = 25.0  # assumed radius of a lamp that is given as one point
 RING_SPREAD: Final = 0.12  # spread of a ring lamp's radius, as a share
@@ -114,10 +115,23 @@ def make_scene(task: ViewTask) -> ViewScene:
     margin = margin_px(float(np.hypot(GRIPPER_MM, FINGER_MM)) / pixel_mm)
     scene = with_boxes(scene, task.holder, (margin,) * len(task.holder), pixel_mm)
     assert scene.wide is not None
-    # With a margin of nine pixels, every fourth pixel is enough.
-    maps = render_maps(scene.wide, np.eye(4), task.camera, (0, 0, width, height), step_px=4)
-    coarse = np.repeat(np.repeat(maps.mask, 4, axis=0), 4, axis=1)[:height, :width]
-    return replace(scene, holder_mask=coarse)
+    return replace(scene, holder_mask=_seen_in(scene.wide, task.camera))
+
+
+def _seen_in(bodies: RayCaster, camera: Camera) -> BoolArray:
+    """Return the mask (height, width) of the pixels that bodies are seen in, in the whole picture.
+
+    Looked at on every fourth pixel, and on each where those around it differ.
+    """
+    width, height = camera.size_px
+    maps = render_maps(bodies, np.eye(4), camera, (0, 0, width, height), COARSE_STEP_PX)
+    coarse, kernel = maps.mask.astype(np.uint8), np.ones((3, 3), np.uint8)
+    differ = cv2.dilate(coarse, kernel) != cv2.erode(coarse, kernel)
+    mask = on_each_pixel(maps.mask, COARSE_STEP_PX, (height, width))
+    y, x = np.nonzero(on_each_pixel(differ, COARSE_STEP_PX, (height, width)))
+    lines = camera.sight_line_table[y, x].astype(np.float64)
+    mask[y, x] = bodies.blocked(camera.position_mm, lines)
+    return mask
 
 
 def with_boxes(
@@ -160,11 +174,10 @@ def before_part(scene: ViewScene, maps: ViewMaps, camera: Camera) -> ViewScene:
         return scene
     x0, y0, x1, y1 = maps.roi
     held = render_maps(scene.wide, np.eye(4), camera, maps.roi, step_px=MASK_STEP_PX)
-    coarse_mm = np.where(held.mask, held.depth_mm, np.inf)
-    fine_mm = np.repeat(np.repeat(coarse_mm, MASK_STEP_PX, axis=0), MASK_STEP_PX, axis=1)
+    held_mm = np.where(held.mask, held.depth_mm, np.inf)
+    part_mm = np.where(maps.mask, maps.depth_mm, np.inf)
     mask = scene.holder_mask.copy()
-    farthest_mm = np.where(maps.mask, maps.depth_mm, np.inf)
-    mask[y0:y1, x0:x1] = fine_mm[: y1 - y0, : x1 - x0] < farthest_mm
+    mask[y0:y1, x0:x1] = on_each_pixel(held_mm, MASK_STEP_PX, part_mm.shape) < part_mm
     return replace(scene, holder_mask=mask)
 
 

@@ -11,7 +11,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, Float32Array, FloatArray, Grey, inner, lengths
+from controller.arrays import (
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    Grey,
+    inner,
+    lengths,
+    on_each_pixel,
+)
 from controller.cad import surface_normals
 from controller.imaging import (
     PointLamp,
@@ -93,16 +101,15 @@ def predict_pictures(part: PosedPart, task: ViewTask) -> ViewPictures:
 def _held(task: ViewTask, holder: RayCaster | None) -> tuple[BoolArray, Float32Array]:
     """Return a mask of the pixels that show gripper and arm, and their depth, 0 for none [mm]."""
     width, height = task.camera.size_px
+    shape = (height, width)
     if holder is None:
-        return np.zeros((height, width), dtype=bool), np.zeros((height, width), np.float32)
-    step = HOLDER_STEP_PX
-    maps = render_maps(holder, np.eye(4), task.camera, (0, 0, width, height), step)
-
-    def spread(values: NDArray[np.generic]) -> NDArray[np.generic]:
-        return np.repeat(np.repeat(values, step, axis=0), step, axis=1)[:height, :width]
-
+        return np.zeros(shape, dtype=bool), np.zeros(shape, np.float32)
+    maps = render_maps(holder, np.eye(4), task.camera, (0, 0, width, height), HOLDER_STEP_PX)
     depth = np.where(maps.mask, maps.depth_mm, 0.0).astype(np.float32)
-    return np.asarray(spread(maps.mask), bool), np.asarray(spread(depth), np.float32)
+    return (
+        on_each_pixel(maps.mask, HOLDER_STEP_PX, shape),
+        on_each_pixel(depth, HOLDER_STEP_PX, shape),
+    )
 
 
 def _matt(

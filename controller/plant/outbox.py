@@ -155,7 +155,7 @@ class Book:
         )
         return next((one.head for one in wanted), None)
 
-    def set_place(self, courier: str, journal: str, head: Head) -> None:
+    def set_confirmed_head(self, courier: str, journal: str, head: Head) -> None:
         """Note how far a receiver is; on the disk when this returns.
 
         Parameters
@@ -340,7 +340,7 @@ class Outbox:
             return
         count = resume(self._runs_dir, self._book, self._courier.name)
         if count == 0:  # so that the first journal is told from its first row
-            self._book.set_place(self._courier.name, "", NO_ROW)
+            self._book.set_confirmed_head(self._courier.name, "", NO_ROW)
 
     async def _deliver_from(self, key: str, path: Path) -> None:
         """Deliver what a journal has behind the receiver's place, and move the place row by row."""
@@ -378,7 +378,7 @@ class Outbox:
     async def _confirm(self, key: str, path: Path, seq: int) -> None:
         head = await asyncio.to_thread(row_at, path, seq)
         if head is not None:
-            await asyncio.to_thread(self._book.set_place, self._courier.name, key, head)
+            await asyncio.to_thread(self._book.set_confirmed_head, self._courier.name, key, head)
         self._passed.pop(key, None)
 
     async def _passed_from(self, key: str, path: Path, stored: Head | None) -> Head | None:
@@ -398,7 +398,7 @@ class Outbox:
         if not self._passed or time.monotonic() < self._stored_wall_s + STORE_WALL_S:
             return
         for key, (_, head) in self._passed.items():
-            await asyncio.to_thread(self._book.set_place, self._courier.name, key, head)
+            await asyncio.to_thread(self._book.set_confirmed_head, self._courier.name, key, head)
         self._passed.clear()
         self._stored_wall_s = time.monotonic()
 
@@ -450,5 +450,5 @@ def resume(runs_dir: Path, book: Book, courier: str) -> int:
     """
     every = journals_of(runs_dir)
     for key, path in every:
-        book.set_place(courier, key, last_head(path))
+        book.set_confirmed_head(courier, key, last_head(path))
     return len(every)

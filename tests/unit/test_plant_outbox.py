@@ -352,9 +352,9 @@ class CountingBook(Book):
 
     count = 0
 
-    def set_place(self, courier: str, journal: str, head: Head) -> None:
+    def set_confirmed_head(self, courier: str, journal: str, head: Head) -> None:
         self.count += 1
-        super().set_place(courier, journal, head)
+        super().set_confirmed_head(courier, journal, head)
 
 
 def test_a_row_that_tells_nothing_costs_no_sync_of_the_disk(

@@ -20,14 +20,15 @@ NOTHING_MM: Final = 3.0  # jaws this close to each other hold nothing, unless a 
 THIN_SHARE: Final = 0.5
 
 
-def least_held_mm(gripped_mm: float) -> float:
-    """Return the least opening at which jaws still have a part [mm].
+def least_held_mm(part_mm: float, play_mm: float = LOST_MM) -> float:
+    """Return the least opening at which jaws have a part [mm].
 
     Parameters
     ----------
-    gripped_mm : opening at which they gripped it
+    part_mm : opening at which they gripped it, or should
+    play_mm : by how much they may stand nearer to each other
     """
-    return max(gripped_mm - LOST_MM, min(NOTHING_MM, THIN_SHARE * gripped_mm))
+    return max(part_mm - play_mm, THIN_SHARE * part_mm)
 
 
 class ReleaseGuard:

@@ -10,12 +10,7 @@ from typing import TypeVar
 
 from controller.cell.custody import Custody
 from controller.cell.custody.openings import Opening, judge_fixed
-from controller.cell.custody.release_guard import (
-    NOTHING_MM,
-    THIN_SHARE,
-    ReleaseGuard,
-    least_held_mm,
-)
+from controller.cell.custody.release_guard import NOTHING_MM, ReleaseGuard, least_held_mm
 from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.journal.rows import HoldPressed, Intent, Once
 from controller.cell.machine import GRASP, PartFault
@@ -78,10 +73,8 @@ class Grippers:
         thin part hold nothing of it, whatever the tolerance.
         """
         tolerance_mm = self._grasp().width_tolerance_mm
-        least_mm = expected_mm - min(tolerance_mm, THIN_SHARE * expected_mm)
-        if opening_mm < least_mm:
-            return opening_mm - least_mm
-        return max(0.0, opening_mm - expected_mm - tolerance_mm)
+        too_near_mm = min(0.0, opening_mm - least_held_mm(expected_mm, tolerance_mm))
+        return too_near_mm or max(0.0, opening_mm - expected_mm - tolerance_mm)
 
     @property
     def _force_n(self) -> float:

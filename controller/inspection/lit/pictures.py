@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, Float32Array, Grey
+from controller.arrays import BoolArray, Float32Array, Grey, on_each_pixel
 from controller.cad import SurfaceSamples
 from controller.imaging import ViewMaps, inverse_pose, transform
 from controller.recognition.fitting import ModelEdgePoints, predict_edges
@@ -225,9 +225,8 @@ class LitPictures:
         coarse = np.zeros(shape, dtype=np.float32)
         spread = point_spread(self._part, self._task, self._fit, surface.points[some])
         coarse[rows[some] // SPREAD_NODES, columns[some] // SPREAD_NODES] = spread
-        wide = cv2.dilate(coarse, np.ones((3, 3), np.uint8))
-        full = np.repeat(np.repeat(wide, SPREAD_NODES, axis=0), SPREAD_NODES, axis=1)
-        return np.asarray(full[: surface.seen.shape[0], : surface.seen.shape[1]])
+        wide = np.asarray(cv2.dilate(coarse, np.ones((3, 3), np.uint8)), np.float32)
+        return on_each_pixel(wide, SPREAD_NODES, surface.seen.shape)
 
     @property
     def surface(self) -> Surface:
@@ -433,16 +432,12 @@ class LitPictures:
 
     def _wrong_light(self, lamp_name: str, outcome: Compared) -> list[Finding]:
         """Return connected places with wrong light or shadow."""
-        step = STEP_PX
         limits = self._task.limits
         kernel = np.ones((MIN_NODES, MIN_NODES), np.uint8)
         opened = cv2.morphologyEx(outcome.wrong.astype(np.uint8), cv2.MORPH_OPEN, kernel)
         x0, y0, x1, y1 = self._fit.maps.roi
         area = np.where(self._surface.seen, self._surface.area_mm2, np.float32(self._mm**2))
-        full, areas = (
-            np.repeat(np.repeat(a, step, axis=0), step, axis=1)[: y1 - y0, : x1 - x0]
-            for a in (opened > 0, area)
-        )
+        full, areas = (on_each_pixel(a, STEP_PX, (y1 - y0, x1 - x0)) for a in (opened > 0, area))
         return connected_findings(
             full, FindingKind.SURFACE, lamp_name, self._part, self._fit.maps, self._task.camera,
             self._fit.T_world_part, (x0, y0), areas, limits.min_area_mm2,
@@ -537,7 +532,7 @@ class LitPictures:
         bright = self._surface.seen & (matt > 0.3)
         observed = picture[y0:y1:step, x0:x1:step].astype(np.float32)
         gain = float(np.median(observed[bright] / matt[bright])) if bright.any() else 0.0
-        full = np.repeat(np.repeat(matt, step, axis=0), step, axis=1)[: y1 - y0, : x1 - x0]
+        full = on_each_pixel(matt, step, (y1 - y0, x1 - x0))
         out = np.full(picture.shape, lit.ground, dtype=np.float32)
         # a node may be seen where the pixel beside it is not: its neighbour's light then
         wide = cv2.dilate(full, np.ones((2 * step - 1, 2 * step - 1), np.uint8))
