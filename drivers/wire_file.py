@@ -19,7 +19,7 @@ from typing import IO, Any, Final
 
 from messages import say
 
-MAGIC: Final = b"cellctl.wires/1\n"
+MAGIC: Final = b"cellctl.wires/2\n"
 _PAIR: Final = struct.Struct("<II")
 GATHER_WALL_S: Final = 0.2  # longest part of a recording that a kill may lose
 BLOCK_BYTES: Final = 4 << 20

@@ -26,7 +26,7 @@ from ..errors import (
     WrongDeviceError,
 )
 from ..kinds import Hold
-from ..modbus_link import FunctionCode, ModbusLink, Request, always
+from ..modbus_link import FunctionCode, ModbusLink, Request, VerbLock, always
 from ..supervisor import BlindStop
 from ._config import GripperConfig
 from ._monitor import GripperMonitor
@@ -97,7 +97,7 @@ class Gripper:
             ),
         )
         self._monitor = GripperMonitor(self._unit, self.config)
-        self._verb = asyncio.Lock()
+        self._verb = VerbLock(link)
         self._stopping: set[asyncio.Future[None]] = set()
         self._stop_count = 0  # a move ends once it counts on
 
@@ -193,7 +193,7 @@ class Gripper:
         StoppedError : `stop` ended it
         """
         stop_count = self._stop_count
-        async with self._verb:
+        async with self._verb.held("activate"):
             status = await self.status()
             if status.is_activated and not (
                 status.has_fault and fault_of(status.fault).kind is FaultClass.MAJOR
@@ -348,7 +348,7 @@ class Gripper:
             config.force_to_byte(config.default_force_n if force_n is None else force_n),
         )
         stop_count = self._stop_count
-        async with self._verb:
+        async with self._verb.held("move"):
             before = await self.status()
             self._require_ready(before)
             self._require_not_stopped(stop_count, before)

@@ -22,7 +22,7 @@ from ..errors import (
     WrongDeviceError,
 )
 from ..kinds import Hold
-from ..modbus_link import FunctionCode, ModbusLink, Request, always
+from ..modbus_link import FunctionCode, ModbusLink, Request, VerbLock, always
 from ..supervisor import BlindStop
 from ._registers import (
     BOX_UNIT,
@@ -124,7 +124,7 @@ class RgGripper:
         )
         self._unit = link.unit(unit, "gripper", probes=probes, check=check)
         self._box = link.unit(BOX_UNIT, "Compute Box", check=check)
-        self._verb = asyncio.Lock()
+        self._verb = VerbLock(link)
         self._stop_count = 0
         self._grasped_mm: float | None = None
         self._is_lost = False
@@ -220,7 +220,7 @@ class RgGripper:
         FaultError : a switch is still pressed, or the fault has come back
         LinkError : it does not answer any more
         """
-        async with self._verb:
+        async with self._verb.held("activate"):
             reading = await self.status()
             if not reading.has_fault:
                 return reading
@@ -329,7 +329,7 @@ class RgGripper:
     async def _move(self, opening_mm: float, force_n: float) -> RgReading:
         """Go to an opening; return the reading that ended the move."""
         stop_count = self._stop_count
-        async with self._verb:
+        async with self._verb.held("move"):
             before = await self.status()
             if before.has_fault:
                 raise self._fault(before)

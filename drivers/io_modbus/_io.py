@@ -16,7 +16,7 @@ from messages import key, say
 
 from ..errors import DeviceError, RefusedError, WatchdogOffError, WrongDeviceError
 from ..kinds import Change, Signal
-from ..modbus_link import FunctionCode, ModbusLink, Request, always
+from ..modbus_link import FunctionCode, ModbusLink, Request, VerbLock, always
 from ..supervisor import BlindLook, BlindStop
 from ._config import MOTOR_RELAY, IoConfig
 from .signals import Believer, Snapshot
@@ -103,8 +103,8 @@ class CellIo:
         self._believer = Believer(self.config.inputs)
         self._relay_of = {channel.name: channel.channel for channel in self.config.outputs}
         self._relays: tuple[bool, ...] | None = None
-        self._switching = asyncio.Lock()
-        self._talking = asyncio.Lock()  # whoever has it may keep the block from hearing anything
+        self._switching = VerbLock(link)
+        self._talking = VerbLock(link)  # whoever has it may keep the block from hearing anything
         self._tripped = asyncio.Event()
         self._is_trip_wanted = self.config.watchdog_s is not None  # until it was proven
         self._read_at_s = -math.inf
@@ -257,7 +257,7 @@ class CellIo:
         unknown = [name for name in outputs if name not in self._relay_of]
         if unknown:
             raise ValueError(f"no output {unknown[0]!r}; there are {', '.join(self._relay_of)}")
-        async with self._switching:
+        async with self._switching.held("set_outputs"):
             known = self._relays
             if known is None:
                 known = await self._unit.read_coils(FIRST_RELAY, self._count)
@@ -272,7 +272,7 @@ class CellIo:
 
     async def read_outputs(self) -> dict[str, bool]:
         """Return whether each relay is closed, by name, as the block reads them back."""
-        async with self._switching:
+        async with self._switching.held("read_outputs"):
             self._relays = await self._unit.read_coils(FIRST_RELAY, self._count)
             return {name: self._relays[channel] for name, channel in self._relay_of.items()}
 
@@ -282,7 +282,7 @@ class CellIo:
 
     async def clear_watchdog(self) -> None:
         """Clear that flag; the relays are then read before they are next switched."""
-        async with self._switching:
+        async with self._switching.held("clear_watchdog"):
             self._relays = None
             await self._unit.write_coil(WATCHDOG_COIL, True, again=always)
 
@@ -304,7 +304,7 @@ class CellIo:
         watchdog_s = self.config.watchdog_s
         if watchdog_s is None:
             raise ValueError(f"{self.name}: no watchdog_s")
-        async with self._talking, self._switching:
+        async with self._talking.held("fall_silent"), self._switching.held("fall_silent"):
             self._read_at_s = self._attended_at_s = -math.inf
             await self._clock.sleep(watchdog_s + TRIP_SLACK_S)
             has_tripped = await self.has_watchdog_tripped()
@@ -400,7 +400,7 @@ class CellIo:
     async def _poll(self) -> None:
         due_s = self._clock.now_s()
         while True:
-            async with self._talking:
+            async with self._talking.held("poll"):
                 await self._read_once()
             due_s = max(due_s + self.config.poll_s, self._clock.now_s())
             await self._clock.sleep(due_s - self._clock.now_s())

@@ -1,6 +1,5 @@
 """The verbs of the lamps: which are lit, at which brightness."""
 
-import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Self
@@ -8,7 +7,7 @@ from typing import Final, Self
 from messages import key, say
 
 from ..errors import DeviceError, RefusedError, WrongDeviceError
-from ..modbus_link import FunctionCode, ModbusLink, Request, always
+from ..modbus_link import FunctionCode, ModbusLink, Request, VerbLock, always
 from ._registers import (
     ADDRESS_REGISTER,
     CHANNEL_COUNT,
@@ -175,7 +174,7 @@ class LedscLights:
         self._clock = link.clock
         self._lamps = {lamp.name: lamp for lamp in lamps}
         self._controllers = tuple(_Controller(link, unit) for unit in units)
-        self._changing = asyncio.Lock()
+        self._verb = VerbLock(link)
         self._acknowledged_at_s = self._clock.now_s()
         self._settle_s = self._slowest_s
 
@@ -209,7 +208,7 @@ class LedscLights:
         ------
         WrongDeviceError : another device answers, or one that is set up otherwise
         """
-        async with self._changing:
+        async with self._verb.held("connect"):
             for controller in self._controllers:
                 await controller.identify()
             return tuple([await controller.known() for controller in self._controllers])
@@ -239,7 +238,7 @@ class LedscLights:
                 raise ValueError(f"no lamp {name!r}; there are {', '.join(self._lamps)}")
             if not 0 <= level <= 1:
                 raise ValueError(f"lamp {name!r}: levels are 0..1, not {level:g}")
-        async with self._changing:
+        async with self._verb.held("set"):
             changed: list[float] = []
             for number, controller in enumerate(self._controllers):
                 state = await controller.known()
@@ -266,7 +265,7 @@ class LedscLights:
         ------
         DeviceError : a controller did not confirm; the first one
         """
-        async with self._changing:
+        async with self._verb.held("all_off"):
             failed: list[DeviceError] = []
             for controller in self._controllers:
                 try:

@@ -1,13 +1,12 @@
 """The verbs of the lamps: which are lit, at which brightness."""
 
-import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
 from messages import key, say
 
-from ..modbus_link import ModbusLink
+from ..modbus_link import ModbusLink, VerbLock
 from ._config import CHANNEL_COUNT, LampChannel, LightsConfig
 from ._modules import AnalogModule, RelayModule
 
@@ -72,7 +71,7 @@ class Lights:
         self._analog = AnalogModule(link, config.analog_unit, config.spacing_s)
         self._relays = RelayModule(relay_link or link, config.relay_unit, config.spacing_s)
         self._versions: tuple[str, str] | None = None
-        self._changing = asyncio.Lock()
+        self._verb = VerbLock(link)
         self._acknowledged_at_s = self._clock.now_s()
         self._settle_s = self._slowest_s  # of the last change
 
@@ -145,7 +144,7 @@ class Lights:
             raise ValueError(f"no lamp {unknown[0]!r}; there are {', '.join(self._lamps)}")
         wanted = {self._lamps[name]: level for name, level in levels.items()}
         voltages_mv = {lamp: lamp.level_to_mv(level) for lamp, level in wanted.items()}
-        async with self._changing:
+        async with self._verb.held("set"):
             outputs_mv = list(await self._analog.known())
             closed = list(await self._relays.known())
             was_closed = tuple(closed)
@@ -161,7 +160,7 @@ class Lights:
         Always writes, whatever is known, and tries either module even if the other is silent.
         Returns what `set` returns.
         """
-        async with self._changing:
+        async with self._verb.held("all_off"):
             try:
                 await self._analog.write([0] * CHANNEL_COUNT, force=True)
             finally:
@@ -172,7 +171,7 @@ class Lights:
 
     async def read_back(self) -> LightsReading:
         """Return the state of the lamps, as both modules read it back."""
-        async with self._changing:
+        async with self._verb.held("read_back"):
             at_s = self._clock.now_s()
             outputs_mv = await self._analog.read()
             closed = await self._relays.read()

@@ -11,6 +11,7 @@ from ._connection import Trace
 from ._link import Again, ModbusLink, ModbusUnit, always
 from ._request import FunctionCode, Request
 from ._seen import seen_instead
+from ._verbs import VerbLock
 
 __all__ = [
     "Address",
@@ -23,6 +24,7 @@ __all__ = [
     "RtuOverTcpAddress",
     "TcpAddress",
     "Trace",
+    "VerbLock",
     "always",
     "seen_instead",
 ]

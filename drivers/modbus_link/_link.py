@@ -103,6 +103,10 @@ class ModbusLink:
     retry_count : a read without an answer is repeated so often
     trace : called with (sending, bytes) for everything on the wire
     tap : tap of the line, None for none
+
+    Attributes
+    ----------
+    tap : the same, for whoever keeps an order of its own on the line
     """
 
     def __init__(
@@ -121,7 +125,7 @@ class ModbusLink:
         self.retry_count = retry_count
         self._has_no_numbers = not (isinstance(address, TcpAddress) and address.returns_ids)
         self._trace = trace
-        self._tap = tap
+        self.tap = tap
         self._lock = asyncio.Lock()
         self._memories: dict[int, _Memory] = {}
         self._connection: Connection | None = None
@@ -238,11 +242,11 @@ class ModbusLink:
         request, most likely a stop, would have to wait for a resynchronisation.
         """
         what = say("unit {unit} {request}", unit=turn.who.unit, request=turn.request)
-        if self._tap is not None:
-            await self._tap.turn(what)
+        if self.tap is not None:
+            await self.tap.turn(what)
         await self._lock.acquire()
-        if self._tap is not None:
-            self._tap.taken(what)
+        if self.tap is not None:
+            self.tap.taken(what)
         task = asyncio.ensure_future(self._use_line(turn))
         task.add_done_callback(self._line_is_free)
         try:
@@ -460,11 +464,11 @@ class ModbusLink:
                     check=self.address.check,
                 )
             )
-        connection = Connection(self.address, self._trace, self._tap)
+        connection = Connection(self.address, self._trace, self.tap)
         try:
             reason = await connection.open(self.clock)
-            if self._tap is not None:
-                self._tap.opened(reason)
+            if self.tap is not None:
+                self.tap.opened(reason)
         except asyncio.CancelledError:
             await connection.aclose()
             raise

@@ -11,10 +11,6 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LIMIT_S = 1500.0  # a guard against a hang, no measure
-MAY_SWAP = pytest.mark.xfail(
-    reason="of a poll and a write due at one moment on one line, either may go first in a replay",
-    strict=False,
-)
 
 
 def cellctl(*arguments: object) -> tuple[int, dict[str, object]]:
@@ -31,7 +27,6 @@ def cellctl(*arguments: object) -> tuple[int, dict[str, object]]:
 
 
 @pytest.mark.slow
-@MAY_SWAP
 @pytest.mark.timeout(2 * LIMIT_S)
 def test_a_recorded_run_replays_byte_by_byte_and_another_force_is_found(tmp_path: Path) -> None:
     wires = tmp_path / "run.wires"
@@ -61,7 +56,6 @@ def test_a_recorded_run_replays_byte_by_byte_and_another_force_is_found(tmp_path
 
 
 @pytest.mark.slow
-@MAY_SWAP
 @pytest.mark.timeout(2 * LIMIT_S)
 @pytest.mark.skipif(find_library("aravis-0.8") is None, reason="libaravis-0.8 is not installed")
 def test_a_run_on_gige_vision_cameras_replays_byte_by_byte(tmp_path: Path) -> None:

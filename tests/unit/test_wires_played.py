@@ -19,7 +19,7 @@ from controller.recorded_wires.loop import WireLoop
 from controller.virtual_time import NothingLeftError
 from drivers.clock import CellClock
 from drivers.errors import DeviceError, UnpluggedError
-from drivers.modbus_link import ModbusLink, TcpAddress
+from drivers.modbus_link import ModbusLink, TcpAddress, VerbLock
 
 ASKED = bytes.fromhex("0001 0000 0006 11 03 006B 0003")
 ANSWERED = bytes.fromhex("0001 0000 0009 11 03 06 022B 0000 0064")
@@ -271,3 +271,39 @@ def test_a_timer_runs_once_however_many_were_cancelled() -> None:
     loop.run_until_complete(asyncio.wait_for(asyncio.sleep(3.0), None))
     assert calls == [2.0]
     loop.close()
+
+
+async def first_verb(link: ModbusLink, device: VerbLock) -> None:
+    await link.clock.sleep(1.0)  # a moment late: it was first, but is slower by now
+    async with device.held("first"):
+        await link.unit(17, "unit").read_holding_registers(0x6B, 3)
+
+
+async def second_verb(link: ModbusLink, device: VerbLock) -> None:
+    async with device.held("second"):
+        await link.unit(17, "unit").read_holding_registers(0x6B, 3)
+
+
+def test_of_two_verbs_the_one_goes_first_that_had_the_device_first(tmp_path: Path) -> None:
+    rows: Rows = []
+    for number, name in enumerate(("first", "second"), start=1):
+        at_s, task = 5.0 * number, f"{name}_verb"
+        numbered = number.to_bytes(2, "big")  # of the transaction
+        rows += [
+            (at_s, "line", "turn", [f"verb {name}", task], b""),
+            (at_s, "line", "turn", [WORDS, task], b""),
+            (at_s, "line", "sent", None, numbered + ASKED[2:]),
+            (at_s + 0.01, "line", "got", None, numbered + ANSWERED[2:]),
+        ]
+    tape = tape_of(tmp_path, [(4.0, "line", "opened", None, b""), *rows])
+
+    async def work() -> None:
+        tape.callers.begin()
+        link = link_of(tape)
+        device = VerbLock(link)
+        both = (second_verb(link, device), first_verb(link, device))
+        await asyncio.gather(*map(asyncio.ensure_future, both))
+
+    run(tape, work)
+    assert tape.difference is None
+    assert tape.request_count == 2
