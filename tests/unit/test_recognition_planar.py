@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from cad_solids import rod, solid_of
 from recognise_bench import CAMERA, Grey, backlit, library, shape
 
-from controller.cad.compiled import compile_solid
-from controller.recognition import make_library, recognise
+from controller.recognition import recognise
 from controller.recognition.library import Candidate
 from controller.recognition.partial import Cluster, predicted_shares, shares_met
 
@@ -81,12 +79,3 @@ def test_many_places_are_looked_up_as_single_ones_are() -> None:
     assert same.mean() > 0.999
     assert np.abs(agree - expected)[same].max() < 1e-3
     assert (is_outside == (state == 0))[same].all()
-
-
-def test_views_of_discs_are_round_and_others_are_not() -> None:
-    disc = make_library([compile_solid(solid_of(rod(12.0, 6.0), "disc"))], CAMERA)
-    below = np.linalg.norm(disc.index.place_mm, axis=1) < 1.0  # farther off its wall shows
-    flat = below & (disc.index.area_mm2 > 400.0)  # on its face, of 452 mm2
-    assert flat.any()
-    assert disc.index.is_round[flat].all()
-    assert not library().index.is_round.any()

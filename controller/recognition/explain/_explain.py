@@ -48,5 +48,5 @@ def explain(
         raise ValueError(f"a picture {picture.shape[::-1]} from a camera of {camera.size_px}")
     facts = object_facts(picture, camera, library, seen)
     return Explanation(
-        draw_page(picture, camera, library, seen, facts, title), stage_tables(seen, facts, library)
+        draw_page(picture, camera, library, facts, title), stage_tables(seen, facts, library)
     )

@@ -1,30 +1,26 @@
 """Facts of an object: the stages of its recognition, once for picture and table.
 
-Recognition keeps the data its search needs; further data for a reader, such as corners and grey
-edges, is computed here from it, by the same functions.
+Recognition keeps the data its search needs; further data for a reader, such as grey edges, is
+computed here from it, by the same functions.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, Grey
-from controller.imaging import Camera, sample_picture
+from controller.arrays import BoolArray, Grey
+from controller.imaging import Camera
 
-from ..binary import CornerTolerances, NoOutlineError, OutlineCorners, outline_corners
-from ..fitting import NEAR_PX, ModelEdgePoints, predict_edges
+from ..fitting import NEAR_PX, GreyMeasure, ModelEdgePoints, predict_edges
 from ..grey import Edgelets, picture_edgelets
-from ..identification.hypotheses import Hypothesis, distinct, is_same_turn
+from ..identification.hypotheses import Hypothesis, distinct
 from ..identification.sighting import Recognition, Sighting, Trace
-from ..library import Candidate, Library, pose_on_table
+from ..library import Candidate, Library
 
 MAX_CANDIDATES = 8  # candidates listed; more add nothing
 MAX_OTHERS = 3  # rejected hypotheses drawn beside the one that was taken
-LOOK_PX = 3  # reach of the search for an edge
-STANDS_OUT = 2.0  # strength of an edge that stands out, in median slopes beside predicted edges
+LOOK_PX = 3.0  # reach of the search for an edge inside a backlit part
 FAINT_LIFT = 0.1  # difference of cosines below which lamps may not show the edge of two surfaces
 FAINT_JUMP_MM = 1.0  # height of a step whose shadow may not show
 
@@ -63,20 +59,18 @@ class ObjectFacts:
     ----------
     number : from 1
     sighting, trace : answer, and the trace of how it was found
-    corners : corners of the outline and of each hole, in the table plane [mm]
     edgelets : pieces of grey edges, where there is no light table
     candidates : the best of the silhouette, symmetric ones once
     chosen : index of the hypothesis taken, -1 for none
     shown : the one that was taken, or that came nearest; -1 if none was fitted
     scores : (h,) scores of each hypothesis alone: how likely its evidence makes it
     edges : results of the predicted edges of the shown one
-    others : the best hypotheses besides the shown one: fitted ones, then silhouettes
+    others : the best fitted hypotheses besides the shown one
     """
 
     number: int
     sighting: Sighting
     trace: Trace
-    corners: tuple[OutlineCorners, ...]
     edgelets: Edgelets | None
     candidates: tuple[Candidate, ...]
     chosen: int
@@ -103,9 +97,8 @@ def object_facts(
     library : library used for the recognition
     seen : the result, with a trace of each sighting
     """
-    limits = CornerTolerances.for_pixels(camera.mm_per_px(np.zeros(3)))
     return tuple(
-        _facts(number, sighting, trace, picture, camera, library, seen, limits)
+        _facts(number, sighting, trace, picture, camera, library, seen)
         for number, (sighting, trace) in enumerate(
             zip(seen.sightings, seen.traces, strict=True), start=1
         )
@@ -120,13 +113,13 @@ def _facts(
     camera: Camera,
     library: Library,
     seen: Recognition,
-    limits: CornerTolerances,
 ) -> ObjectFacts:
     region = trace.region
     is_backlit = seen.segmentation.lighting == "backlit"
     candidates = tuple(distinct(trace.candidates, library)[:MAX_CANDIDATES])
     x0, y0, x1, y1 = region.box_px
     crop = np.ascontiguousarray(picture[y0:y1, x0:x1])
+    measure = GreyMeasure(crop, (x0, y0), is_lit=False)
     edgelets = None
     if not is_backlit and crop.size:
         corner = np.array([x0, y0], dtype=np.float64)
@@ -138,25 +131,16 @@ def _facts(
         number=number,
         sighting=sighting,
         trace=trace,
-        corners=tuple(_corners(region.loops_px, camera, limits)),
         edgelets=edgelets,
         candidates=candidates,
         chosen=chosen,
         shown=shown,
         scores=scores,
-        edges=_edge_states(trace.hypotheses[shown], picture, camera, library, is_backlit=is_backlit)
+        edges=_edge_states(trace.hypotheses[shown], measure, camera, library, is_backlit=is_backlit)
         if shown >= 0
         else (),
-        others=_others(trace, candidates, shown, scores, camera, library),
+        others=_others(trace, shown, library),
     )
-
-
-def _corners(
-    loops_px: Sequence[FloatArray], camera: Camera, limits: CornerTolerances
-) -> Iterator[OutlineCorners]:
-    for loop in loops_px:
-        with suppress(NoOutlineError):
-            yield outline_corners(camera.on_plane(loop)[:, :2], limits)
 
 
 def _chosen(sighting: Sighting, hypotheses: Sequence[Hypothesis]) -> int:
@@ -167,66 +151,17 @@ def _chosen(sighting: Sighting, hypotheses: Sequence[Hypothesis]) -> int:
     return best if best >= 0 and off[best] < 1e-6 else -1
 
 
-def _others(
-    trace: Trace,
-    candidates: Sequence[Candidate],
-    shown: int,
-    scores: Sequence[float],
-    camera: Camera,
-    library: Library,
-) -> tuple[Other, ...]:
-    def name(hypothesis: Hypothesis | Candidate) -> str:
-        turn = degrees_text(hypothesis.theta_rad, 1)
-        return f"{library.entries[hypothesis.part].name}, pose {hypothesis.pose}, {turn} deg"
-
-    out = [
-        Other(f"{name(h)}: score {scores[k]:.3f}", h.fit.edges)
-        for k, h in enumerate(trace.hypotheses)
-        if k != shown
-    ][:MAX_OTHERS]
-    for c in candidates:
-        if len(out) == MAX_OTHERS:
-            break
-        entry = library.entries[c.part]
-        turns = entry.turns_of(c.pose)
-        if any(
-            (h.part, h.pose) == (c.part, c.pose) and is_same_turn(h.theta_rad, c.theta_rad, turns)
-            for h in trace.hypotheses
-        ):
-            continue
-        model = library.model(c.part)
-        T = pose_on_table(model, entry.pose(c.pose), c.x_mm, c.y_mm, c.theta_rad)
-        caption = f"{name(c)}: not fitted, overlap {c.overlap:.3f}"
-        out.append(Other(caption, predict_edges(model, T, camera)))
-    return tuple(out)
-
-
-def _shows(edges: ModelEdgePoints, picture: Grey) -> BoolArray:
-    """Return a mask (n,) of the predicted edges with the steepest grey level at the edge itself."""
-    if len(edges.pixels) == 0:
-        return np.zeros(0, dtype=np.bool_)
-    low = np.floor(edges.pixels.min(axis=0)).astype(int) - LOOK_PX - 4
-    high = np.ceil(edges.pixels.max(axis=0)).astype(int) + LOOK_PX + 5
-    (x0, y0), (x1, y1) = np.maximum(low, 0).tolist(), np.maximum(high, 1).tolist()
-    smooth = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 0.8).astype(np.float32)
-    if smooth.size == 0:
-        return np.zeros(len(edges.pixels), dtype=np.bool_)
-    offsets = np.arange(-LOOK_PX, LOOK_PX + 1)
-    at = edges.pixels[:, None] - [x0, y0] + offsets[:, None] * edges.normals[:, None]
-    slopes = [
-        sample_picture(cv2.Scharr(smooth, cv2.CV_32F, *way), at[..., 0], at[..., 1])
-        for way in ((1, 0), (0, 1))
+def _others(trace: Trace, shown: int, library: Library) -> tuple[Other, ...]:
+    names = (f"{library.entries[h.part].name}, pose {h.pose}" for h in trace.hypotheses)
+    told = [
+        Other(f"{name}, {degrees_text(h.theta_rad, 1)} deg: score {h.probability:.3f}", h.fit.edges)
+        for name, h in zip(names, trace.hypotheses, strict=True)
     ]
-    normals = edges.normals[:, None]
-    across = np.abs(slopes[0] * normals[..., 0] + slopes[1] * normals[..., 1])
-    noise = float(np.median(across))
-    peak = across.argmax(axis=1)
-    strong = across.max(axis=1) > STANDS_OUT * noise
-    return np.asarray(strong & (np.abs(offsets[peak]) <= NEAR_PX))
+    return tuple(other for k, other in enumerate(told) if k != shown)[:MAX_OTHERS]
 
 
 def _edge_states(
-    h: Hypothesis, picture: Grey, camera: Camera, library: Library, *, is_backlit: bool
+    h: Hypothesis, measure: GreyMeasure, camera: Camera, library: Library, *, is_backlit: bool
 ) -> tuple[EdgeState, ...]:
     edges = h.fit.edges
     found = h.fit.off_px < NEAR_PX
@@ -236,9 +171,9 @@ def _edge_states(
         return (EdgeState(edges, every, found, np.asarray(~edges.on_outline & faint)),)
     # edges inside are no part of such a fit, but may show in the dark
     inside = predict_edges(library.model(h.part), h.fit.T_world_part, camera)
+    gap_px = measure.gaps(inside.pixels, inside.normals, inside, LOOK_PX).gap_px
+    shows = np.asarray(np.abs(gap_px) < NEAR_PX)
     return (
         EdgeState(edges, edges.on_outline, found, np.zeros(len(found), dtype=np.bool_)),
-        EdgeState(
-            inside, ~inside.on_outline, _shows(inside, picture), np.ones_like(inside.on_outline)
-        ),
+        EdgeState(inside, ~inside.on_outline, shows, np.ones_like(inside.on_outline)),
     )

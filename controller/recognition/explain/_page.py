@@ -2,14 +2,12 @@
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from controller.arrays import Grey, Picture
 from controller.imaging import Camera
 from messages import key
 
-from ..identification.sighting import Recognition
 from ..library import Library
 from ._facts import ObjectFacts, degrees_text
 from ._panels import (
@@ -18,17 +16,14 @@ from ._panels import (
     draw_contour,
     draw_grey,
     draw_others,
-    draw_outline,
     draw_place,
     draw_pose,
     titled,
     window,
 )
-from ._tables import turn_text
 from .draw import (
     GREEN,
     LINE_PX,
-    ORANGE,
     PAPER,
     RED,
     SKY,
@@ -40,32 +35,24 @@ from .draw import (
     polyline,
     toned,
     write,
-    write_lines,
 )
 
 SHOWN_PX = 1024  # height to which a small picture is enlarged
-SIDE_PX = 400  # width of the column beside it
 GAP_PX = 8
+LEGEND_PX = 330  # width of an entry of the legend
 
-LEGEND: tuple[tuple[str, Colour, str], ...] = (
-    ("line", YELLOW, "observed outline"),
-    ("line", SKY, "grey edge"),
-    ("dot", ORANGE, "corner that juts out"),
-    ("square", GREEN, "notched corner"),
-    ("line", GREEN, "predicted edge, found"),
-    ("line", RED, "predicted edge, missed"),
-    ("line", SOFT, "predicted edge that need not show"),
-    ("line", WHITE, f"place, x {ELLIPSE_FACTOR}: ellipse of 1 sigma; arrow: turn"),
+LEGEND: tuple[tuple[Colour, str], ...] = (
+    (YELLOW, "observed outline"),
+    (SKY, "grey edge"),
+    (GREEN, "predicted edge, found"),
+    (RED, "predicted edge, missed"),
+    (SOFT, "predicted edge that need not show"),
+    (WHITE, f"place: sigma x {ELLIPSE_FACTOR}; arrow: turn"),
 )
 
 
 def draw_page(
-    picture: Grey,
-    camera: Camera,
-    library: Library,
-    seen: Recognition,
-    facts: Sequence[ObjectFacts],
-    title: str,
+    picture: Grey, camera: Camera, library: Library, facts: Sequence[ObjectFacts], title: str
 ) -> Picture:
     """Return the page, (h, w, 3) blue, green, red.
 
@@ -74,16 +61,13 @@ def draw_page(
     picture : (h, w) as it was recognised
     camera : camera that took it
     library : library used for the recognition; gives the parts' names
-    seen : the result
-    facts : `object_facts` of it
+    facts : `object_facts` of what was recognised
     title : title of the page
     """
     names = tuple(entry.name for entry in library.entries)
-    main = _overview(picture, camera, facts)
-    column = _column(main.shape[0], seen, facts, title)
-    height = max(main.shape[0], column.shape[0])
-    rows = [np.hstack([_padded(main, height), _padded(column, height)])]
+    rows = [_overview(picture, camera, facts)]
     width = rows[0].shape[1]
+    rows.append(_legend(title, width))
     for f in facts:
         rows += [_head(f, width), _details(picture, camera, f, names, width)]
     return np.vstack(rows)
@@ -101,16 +85,15 @@ def _overview(picture: Grey, camera: Camera, facts: Sequence[ObjectFacts]) -> Pi
         draw_place(sheet, f, camera)
     for f in facts:
         s = f.sighting
-        x0, y0, x1, _ = f.trace.region.box_px
-        corner = np.array([x0, y0], dtype=np.float64)
+        x0, y0, x1, y1 = f.trace.region.box_px
         name = f"{s.part}, pose {s.pose_index}" if s.part else key("unknown object")
         name += f"  {s.score:.3f}"
         if f.trace.region.touches_edge:
             name = "cut by the edge"
-            box = np.array([[x0, y0], [x1, y0], [x1, f.trace.region.box_px[3]],
-                            [x0, f.trace.region.box_px[3]]], dtype=np.float64)  # fmt: skip
+            box = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], dtype=np.float64)
             sheet.line(box, RED, 2, is_closed=True)
         colour = WHITE if s.part else RED
+        corner = np.array([x0, y0], dtype=np.float64)
         sheet.words(f"#{f.number} {name}", corner, colour, (0, -22))
     return sheet.canvas
 
@@ -133,69 +116,18 @@ def _off(down: int, aspect: float) -> float:
     return abs(max(1, round(down * aspect)) / down / aspect - 1.0)
 
 
-def _column(height: int, seen: Recognition, facts: Sequence[ObjectFacts], title: str) -> Picture:
-    """Return the column of text beside the picture."""
-    s = seen.segmentation
-    lines: list[tuple[str, Colour]] = []
-    if title:
-        lines.append((title, YELLOW))
-    humps = "two humps" if s.is_bimodal else "one hump"
-    lines.append((f"{s.lighting}, histogram: {humps}", WHITE))
-    levels = f"table {s.levels.ground:.0f}"
-    if s.lighting == "backlit":  # things under lamps are found by their borders
-        levels += f", things {s.levels.object:.0f}, threshold {s.levels.threshold:.0f}"
-    lines.append((f"{levels} of 255", SOFT))
-    lines += [(f"remark: {remark}", ORANGE) for remark in s.remarks]
-    if not facts:
-        lines.append(("nothing on the table", WHITE))
-    about: list[tuple[str, Colour]] = []
-    for f in facts:
-        about += [("", WHITE), *_told(f)]
-    tall = 4000
-    canvas = np.full((tall, SIDE_PX, 3), PAPER, dtype=np.uint8)
-    wide = SIDE_PX - 24
-    y = write_lines(canvas, lines, (12, 24), wide)
-    y = _legend(canvas, (12, y + LINE_PX))
-    y = write_lines(canvas, about, (12, y), wide)
-    return canvas[: max(height, min(y, tall))]
-
-
-def _told(f: ObjectFacts) -> list[tuple[str, Colour]]:
-    s = f.sighting
-    if s.part is None:
-        return [
-            (f"#{f.number} unknown object, score {s.score:.3f}", RED),
-            (f"x {s.x_mm:.1f}, y {s.y_mm:.1f} mm", SOFT),
-            (s.reason, WHITE),
-        ]
-    lines = [
-        (f"#{f.number} {s.part}, pose {s.pose_index}, score {s.score:.3f}", WHITE),
-        (f"x {s.x_mm:.2f}, y {s.y_mm:.2f} mm, +- {s.sigma_mm:.3f} mm", SOFT),
-        (f"turn {turn_text(f)}", SOFT),
-    ]
-    if s.ambiguous_with:
-        also = "; ".join(
-            f"{a.part}, pose {a.pose_index}, {degrees_text(a.theta_rad, 1)} deg"
-            for a in s.ambiguous_with
-        )
-        lines.append((f"could also be: {also}", ORANGE))
-    return lines
-
-
-def _legend(canvas: Picture, at: tuple[int, int]) -> int:
-    x, y = at
-    sheet = Sheet(canvas, np.zeros(2), np.ones(2))
-    for kind, colour, words in LEGEND:
-        middle = np.array([x + 12.0, y - 4.0])
-        if kind == "line":
-            polyline(canvas, middle + np.array([[-12.0, 0.0], [12.0, 0.0]]), colour, 2)
-        elif kind == "dot":
-            sheet.dot(middle, colour)
-        else:
-            sheet.square(middle, colour)
+def _legend(title: str, width: int) -> Picture:
+    """Return the title, and below it what the colours mean."""
+    in_row = max(1, width // LEGEND_PX)
+    height = LINE_PX * (2 - (-len(LEGEND) // in_row))
+    canvas = np.full((height, width, 3), PAPER, dtype=np.uint8)
+    write(canvas, title, (12, LINE_PX - 4), YELLOW)
+    for k, (colour, words) in enumerate(LEGEND):
+        row, column = divmod(k, in_row)
+        x, y = 12 + column * LEGEND_PX, (row + 2) * LINE_PX - 4
+        polyline(canvas, np.array([[x, y - 4.0], [x + 24.0, y - 4.0]]), colour, 2)
         write(canvas, words, (x + 36, y), SOFT)
-        y += LINE_PX
-    return y
+    return canvas
 
 
 def _head(f: ObjectFacts, width: int) -> Picture:
@@ -209,19 +141,15 @@ def _head(f: ObjectFacts, width: int) -> Picture:
 def _details(
     picture: Grey, camera: Camera, f: ObjectFacts, names: tuple[str, ...], width: int
 ) -> Picture:
-    count = 3 if f.edgelets is None else 4
+    is_dark = f.edgelets is None
+    count = 2 if is_dark else 3
     side = (width - (count - 1) * GAP_PX) // count
     panels = []
-    sheet = window(picture, camera, f, side)
-    draw_outline(sheet, f, camera)
-    panels.append(titled(sheet.canvas, "outline and its corners"))
-
-    if f.edgelets is not None:
+    if not is_dark:
         sheet = window(picture, camera, f, side)
         draw_grey(sheet, f, camera)
         panels.append(titled(sheet.canvas, "grey edges"))
 
-    is_dark = f.edgelets is None
     sheet = window(brightened_inside(picture, f) if is_dark else picture, camera, f, side)
     what = "no hypothesis came to be fitted"
     if f.shown >= 0:
@@ -239,19 +167,9 @@ def _details(
 
 
 def _row(panels: Sequence[Picture], width: int) -> Picture:
-    height = max(len(panel) for panel in panels)
-    row = np.full((height + GAP_PX, width, 3), PAPER, dtype=np.uint8)
+    row = np.full((len(panels[0]) + GAP_PX, width, 3), PAPER, dtype=np.uint8)
     x = 0
     for panel in panels:
         row[: len(panel), x : x + panel.shape[1]] = panel
         x += panel.shape[1] + GAP_PX
     return row
-
-
-def _padded(canvas: Picture, height: int) -> Picture:
-    return np.asarray(
-        cv2.copyMakeBorder(
-            canvas, 0, height - canvas.shape[0], 0, 0, cv2.BORDER_CONSTANT, value=PAPER
-        ),
-        np.uint8,
-    )

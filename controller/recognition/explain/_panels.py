@@ -1,4 +1,4 @@
-"""Panels of one object: outline with corners, grey edges, poses."""
+"""Panels of one object: grey edges, poses, other hypotheses."""
 
 import cv2
 import numpy as np
@@ -90,28 +90,6 @@ def draw_contour(sheet: Sheet, facts: ObjectFacts, width: int = 1) -> None:
     """
     for loop in facts.trace.region.loops_px:
         sheet.line(loop, YELLOW, width, is_closed=True)
-
-
-def draw_outline(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
-    """Draw the outline, and its corners by their sign.
-
-    Parameters
-    ----------
-    sheet : over the object
-    facts : facts of the object
-    camera : takes the table plane to the picture
-    """
-    draw_contour(sheet, facts)
-    for k, corners in enumerate(facts.corners):
-        if len(corners.turn_rad) == 0:
-            continue
-        # what juts out of a hole is a notch of the part
-        turns = corners.turn_rad * (1.0 if k == 0 else -1.0)
-        for at, turn in zip(on_picture(corners.at_mm, camera), turns.tolist(), strict=True):
-            if turn > 0:
-                sheet.dot(at, ORANGE)
-            else:
-                sheet.square(at, GREEN)
 
 
 def on_picture(points_mm: FloatArray, camera: Camera) -> FloatArray:

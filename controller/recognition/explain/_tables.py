@@ -99,8 +99,8 @@ def _segmentation(s: Segmentation) -> StageTable:
 
 def _objects(facts: Sequence[ObjectFacts]) -> StageTable:
     columns = [
-        ("object", 0), ("x [mm]", 1), ("y [mm]", 1), ("area [mm2]", 1), ("corners", 0),
-        ("holes", 0), ("cut by edge", 0), ("answer", 0),
+        ("object", 0), ("x [mm]", 1), ("y [mm]", 1), ("area [mm2]", 1), ("holes", 0),
+        ("cut by edge", 0), ("answer", 0),
     ]  # fmt: skip
     rows = []
     for f in facts:
@@ -111,8 +111,7 @@ def _objects(facts: Sequence[ObjectFacts]) -> StageTable:
                 s.x_mm,
                 s.y_mm,
                 s.area_mm2,
-                len(f.corners[0].turn_rad) if f.corners else None,
-                len(f.corners[1:]) if f.corners else None,
+                len(f.trace.region.loops_px) - 1,
                 "yes" if f.trace.region.touches_edge else "no",
                 s.part or "unknown",
             )

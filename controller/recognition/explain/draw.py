@@ -4,7 +4,6 @@ Colours that mean different things are as far apart for people who do not tell r
 picture below them is dimmed so that all of them stand out, before a bright table and a dark part.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -90,38 +89,19 @@ class Sheet:
         ends = np.stack([self.at(begin), self.at(end)], axis=1)
         cv2.polylines(self.canvas, list(_fixed(ends)), False, colour, width, cv2.LINE_AA, SHIFT)
 
-    def dot(
-        self, pixel: FloatArray, colour: Colour, radius: int = 4, *, is_filled: bool = True
-    ) -> None:
-        """Draw a dot, as a full disc with a dark rim or as a circle.
+    def dot(self, pixel: FloatArray, colour: Colour, radius: int = 4) -> None:
+        """Draw a full disc with a dark rim.
 
         Parameters
         ----------
         pixel : (2,) pixel of the picture, x before y
         colour : blue, green, red
         radius : in pixels of the canvas
-        is_filled : False for the circle
         """
         x, y = _fixed(self.at(pixel[None]))[0].tolist()
-        r = radius << SHIFT
-        if is_filled:
-            cv2.circle(self.canvas, (x, y), r + (1 << SHIFT), BLACK, -1, cv2.LINE_AA, SHIFT)
-        cv2.circle(self.canvas, (x, y), r, colour, -1 if is_filled else 1, cv2.LINE_AA, SHIFT)
-
-    def square(self, pixel: FloatArray, colour: Colour, radius: int = 4) -> None:
-        """Draw a full square with a dark rim.
-
-        Parameters
-        ----------
-        pixel : (2,) pixel of the picture, x before y
-        colour : blue, green, red
-        radius : half a side, in pixels of the canvas
-        """
-        x, y = np.round(self.at(pixel[None]))[0].astype(int).tolist()
-        for grown, drawn in ((radius + 1, BLACK), (radius, colour)):
-            cv2.rectangle(
-                self.canvas, (x - grown, y - grown), (x + grown, y + grown), drawn, cv2.FILLED
-            )
+        for grown, drawn in ((1, BLACK), (0, colour)):
+            size = (radius + grown) << SHIFT
+            cv2.circle(self.canvas, (x, y), size, drawn, -1, cv2.LINE_AA, SHIFT)
 
     def words(
         self, text: str, pixel: FloatArray, colour: Colour, shift: tuple[int, int] = (0, 0)
@@ -205,35 +185,3 @@ def tag(canvas: Picture, text: str, at: tuple[int, int], colour: Colour) -> None
 def plain(text: str) -> str:
     """Return a text in the letters the font has."""
     return text.encode("ascii", "replace").decode()
-
-
-def wrapped(text: str, width: int) -> list[str]:
-    """Return a text in lines no wider than a number of pixels."""
-    lines: list[str] = []
-    for word in plain(text).split():
-        longer = f"{lines[-1]} {word}" if lines else word
-        if lines and text_width(longer) <= width:
-            lines[-1] = longer
-        else:
-            lines.append(word)
-    return lines
-
-
-def write_lines(
-    canvas: Picture, lines: Sequence[tuple[str, Colour]], at: tuple[int, int], width: int
-) -> int:
-    """Write sentences below each other, wrapped; return the y of the next.
-
-    Parameters
-    ----------
-    canvas : (h, w, 3) drawn on
-    lines : each a text with its colour; an empty text leaves a line free
-    at : (x, y) position of the first one's lower left corner
-    width : width at which lines are wrapped [px]
-    """
-    x, y = at
-    for text, colour in lines:
-        for line in wrapped(text, width) or [""]:
-            write(canvas, line, (x, y), colour)
-            y += LINE_PX
-    return y

@@ -6,7 +6,6 @@ with its turn. Both are coordinates of one space in which a k-d tree finds the n
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,8 +22,6 @@ SIZE_WEIGHT = 1.0  # weight of a relative difference in area, beside the outline
 PERIMETER_WEIGHT = 0.3  # weight of the perimeter, lower since it varies with pixels and dirt
 MAX_FOR_BASIS = 4000
 FEW_VIEWS = 48  # number of views compared turn by turn: 1 to 2 ms
-ROUND_SHARE = 0.02  # variation of a round outline's radius, as a share
-ROUND_AT_ONCE = 2000
 OTHER_SHAPE = 0.12  # loss of overlap against the best view from which a view is not tried
 
 
@@ -107,18 +104,6 @@ class ViewIndex:
         self._mean, self._basis = self._principal(views)
         shapes = np.concatenate([self._project(v.shapes) for v in views])
         self._tree = cKDTree(self._point(shapes, self.area_mm2, self._perimeter_mm))
-
-    @cached_property
-    def is_round(self) -> BoolArray:
-        """Mask (n,) of the views with a circle as outer outline, to the accuracy of its samples."""
-        out = np.zeros(self.view_count, dtype=np.bool_)
-        for begin in range(0, self.view_count, ROUND_AT_ONCE):
-            outer = self.outer_mm[begin : begin + ROUND_AT_ONCE].astype(np.float64)
-            radius = np.linalg.norm(outer - outer.mean(axis=1, keepdims=True), axis=2)
-            out[begin : begin + ROUND_AT_ONCE] = np.ptp(radius, axis=1) < ROUND_SHARE * radius.mean(
-                axis=1
-            )
-        return out
 
     @property
     def view_count(self) -> int:

@@ -16,9 +16,9 @@ from controller.cad import CadError, PartSymmetry, Solid, StablePose, camera_vie
 from controller.cad.compiled import CompiledPart
 from controller.imaging import Camera, RayCaster
 
-from ..binary import StretchIndex, stretch_index
 from ..fitting import EdgeModel, EdgeShape, edge_model, edge_shape
 from ..grey import EdgeletIndex, edgelet_index, view_edgelets
+from ..stretches import ViewStretches, view_stretches
 from ._index import ViewIndex
 from ._views import CameraPlace, PartViews, pose_on_table, shadow_camera, view_part
 
@@ -87,9 +87,9 @@ class Library:
         self._models: OrderedDict[int, EdgeModel] = OrderedDict()
 
     @cached_property
-    def stretches(self) -> StretchIndex:
-        """Stretches of the outlines of the index' views, for outlines known in part."""
-        return stretch_index(self.index.outer_mm)
+    def stretches(self) -> tuple[ViewStretches, ...]:
+        """Stretches of the outlines of the index' views by length, for outlines known in part."""
+        return view_stretches(self.index.outer_mm)
 
     @cached_property
     def edgelets(self) -> EdgeletIndex:

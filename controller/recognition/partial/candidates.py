@@ -6,8 +6,8 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IntArray
 
-from ..binary import STRETCHES_MM, like, observed_stretches
 from ..library import Candidate, Library
+from ..stretches import STRETCHES_MM, like, observed_stretches
 from .cluster import Cluster
 
 STEP_MM = 1.0  # distance between the anchors that are tried
@@ -23,7 +23,6 @@ SLACK_SHARE = 0.6  # share of the position's allowance that an outline's point m
 MAX_SLACK_MM = 6.0
 MIN_FOUND = 0.4  # least share of a view's outline that must be found
 MAX_OUTSIDE = 0.15
-ROUND_TURNS = 120
 SAME_MM, SAME_RAD = 6.0, np.radians(8.0)
 PER_POSE = 8  # places tried for one pose
 MAX_CANDIDATE_COUNT = 70
@@ -62,7 +61,6 @@ def propose_partial(
         outline is known so badly that others' turns come before the right ones
     """
     poses = _from_stretches(cluster, library, is_open)
-    poses = _with_turns(poses, library)
     found, outside = _weighed(poses, cluster, library, is_open, LOOK_SAMPLES)
     likely = np.flatnonzero(found > LOOK_SHARE)
     if most_weighed is not None and len(likely) > most_weighed:
@@ -79,12 +77,10 @@ def _from_stretches(cluster: Cluster, library: Library, is_open: BoolArray) -> _
     index = library.index
     own, named = cluster.by_loop(is_open)
     views, turns, shifts = [], [], []
-    for length, near, leaves in zip(
-        STRETCHES_MM, NEAR_MM, library.stretches.by_length, strict=True
-    ):
+    for length, near, known in zip(STRETCHES_MM, NEAR_MM, library.stretches, strict=True):
         observed = observed_stretches(cluster.loops_mm, own, named, length, STEP_MM)
-        mine, theirs = like(observed, leaves, near, MAX_PAIR_COUNT)
-        stretches = leaves.stretches
+        mine, theirs = like(observed, known, near, MAX_PAIR_COUNT)
+        stretches = known.stretches
         turn = observed.direction[mine] * stretches.direction[theirs].conj()
         shift = observed.middle[mine] - turn * stretches.middle[theirs]
         views.append(stretches.owner[theirs])
@@ -103,30 +99,6 @@ def _apart_mm(poses: _Poses, library: Library) -> FloatArray:
     x, y = index.place_mm[poses.view].T
     made = np.column_stack([c * x - s * y, s * x + c * y])
     return np.asarray(np.linalg.norm(poses.shift_mm - library.eye_mm[:2] - made, axis=1))
-
-
-def _with_turns(poses: _Poses, library: Library) -> _Poses:
-    """Return poses, with round outlines with holes at all turns, since only holes show the turn."""
-    is_round = library.index.is_round[poses.view]
-    if not is_round.any():
-        return poses
-    round_ones = poses.at(is_round)
-    middle = library.index.outer_mm[round_ones.view].astype(np.float64).mean(axis=1)
-    # one of each place is enough
-    at = np.exp(1j * round_ones.turn_rad) * (middle[:, 0] + 1j * middle[:, 1])
-    centre = round_ones.shift_mm + np.column_stack([at.real, at.imag])
-    keys = np.column_stack([round_ones.view, np.round(centre / 3.0).astype(np.int64)])
-    _, first = np.unique(keys, axis=0, return_index=True)
-    view = np.repeat(round_ones.view[first], ROUND_TURNS)
-    turn = np.tile(np.arange(ROUND_TURNS) * (2 * np.pi / ROUND_TURNS), len(first))
-    arm = np.exp(1j * turn) * np.repeat(middle[first, 0] + 1j * middle[first, 1], ROUND_TURNS)
-    shift = np.repeat(centre[first], ROUND_TURNS, axis=0) - np.column_stack([arm.real, arm.imag])
-    rest = poses.at(~is_round)
-    return _Poses(
-        np.concatenate([rest.view, view]),
-        np.concatenate([rest.turn_rad, turn]),
-        np.concatenate([rest.shift_mm, shift]),
-    )
 
 
 def _weighed(

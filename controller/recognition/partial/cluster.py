@@ -1,11 +1,10 @@
 """A cluster: the outline of more, or less, than one part in a picture.
 
 Its outline is taken as it is, but for where the picture or the backlit area ends: there nothing is
-known of the part. Where parts meet, the outline turns inwards: corners of the paper's boundary
-string (references.md P3.1) whose turn is negative.
+known of the part. Where parts meet, the outline turns inwards: a negative turn in the paper's
+boundary string (references.md P3.1).
 """
 
-from dataclasses import replace
 from functools import cached_property
 
 import cv2
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 from controller.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from controller.imaging import Camera, Contour, signed_area
 
-from ..binary import CornerTolerances, NoOutlineError, outline_corners
 from ..fitting import OutlineMeasure
 from ..segmentation import Region
 
@@ -24,6 +22,11 @@ MARGIN_MM = 5.0  # margin of that map round the cluster
 RIM_PX = 4  # distance from the picture's end within which an outline is not the part's
 CELL_PX = 3  # distance between the lines of sight by which parts are compared with the cluster
 MIN_LOOP_PX = 12
+# Lengths of the chords behind and ahead of a point, between which an outline turns inwards where
+# parts meet. Blur rounds narrow notches; beside a corner that juts out long chords do not see them.
+CHORDS_MM = (2.0, 1.0)
+MIN_CHORD_PX = 4  # shorter chords turn by the stairs of pixels
+MEETING_RAD = 0.35  # ten times the turn by 0.03 mm of noise, and less than a usual chamfer's
 
 OUTSIDE, INSIDE, BEYOND = 0, 1, 2
 
@@ -89,25 +92,17 @@ class Cluster:
 
     @cached_property
     def meetings_px(self) -> FloatArray:
-        """Corners (n, 2) at which the outline turns inwards: there parts may meet."""
-        scale = self.camera.mm_per_px(np.zeros(3))
-        usual = CornerTolerances.for_pixels(scale)
-        # blur rounds narrow notches, and next to a corner that juts out long chords see neither
-        short = replace(usual, chord_mm=0.5 * usual.chord_mm, sharpness=0.5)
+        """Points (n, 2) at which the outline turns inwards: there parts may meet."""
         found = [np.zeros((0, 2))]
-        for k, loop in enumerate(self.loops_mm):
-            for limits in (usual, short):
-                try:
-                    corners = outline_corners(loop, limits)
-                except NoOutlineError:
-                    continue
-                # what juts out of a hole is a notch of the part
-                turn = corners.turn_rad * (1.0 if k == 0 else -1.0)
-                found.append(corners.at_mm[turn < 0])
-        at = np.concatenate(found)
-        if len(at) == 0:
-            return np.zeros((0, 2))
-        return self.camera.project(np.column_stack([at, np.zeros(len(at))]))
+        scale = self.camera.mm_per_px(np.zeros(3))
+        for loop_px, loop_mm in zip(self.loops_px, self.loops_mm, strict=True):
+            at = loop_mm @ np.array([1.0, 1.0j])
+            for chord_mm in CHORDS_MM:
+                step = max(round(chord_mm / scale), MIN_CHORD_PX)
+                ahead, behind = np.roll(at, -step) - at, at - np.roll(at, step)
+                # the part is to the left
+                found.append(loop_px[np.angle(ahead * behind.conj()) < -MEETING_RAD])
+        return np.concatenate(found)
 
     @cached_property
     def cells(self) -> tuple[FloatArray, IntArray, BoolArray]:
