@@ -5,7 +5,6 @@ Arrays in, dataclasses out (references.md P3.0).
 
 from .identification.hypotheses import Hypothesis
 from .identification.recognise import recognise
-from .identification.scene import RecognitionLimits, SearchLimits
 from .identification.sighting import Alternative, Recognition, Sighting, Trace
 from .library import Library, LibraryPart, make_library, pose_on_table
 
@@ -15,8 +14,6 @@ __all__ = [
     "Library",
     "LibraryPart",
     "Recognition",
-    "RecognitionLimits",
-    "SearchLimits",
     "Sighting",
     "Trace",
     "make_library",

@@ -27,7 +27,11 @@ from controller.recognition.fitting import (
     predict_outline,
 )
 from controller.recognition.identification.decide import decide, is_convincing, looks_same
-from controller.recognition.identification.hypotheses import distinct, is_same_turn, without_repeats
+from controller.recognition.identification.hypotheses import (
+    SAME_TURN_RAD,
+    distinct,
+    without_repeats,
+)
 from controller.recognition.identification.scores import (
     FRONT,
     SILHOUETTE,
@@ -36,7 +40,7 @@ from controller.recognition.identification.scores import (
     log_odds_of_all,
     probability,
 )
-from controller.recognition.library import Candidate
+from controller.recognition.library import Candidate, is_same_turn
 
 Array = NDArray[np.float64]
 CAMERA = overhead()
@@ -446,8 +450,8 @@ LIBRARY = library_with({(0, 0): [0.0], (0, 1): [0.0, np.pi], (1, 0): []})
 def test_turns_are_the_same_up_to_the_parts_symmetry(
     turns: list[float], a: float, b: float, expected: bool
 ) -> None:
-    assert is_same_turn(a, b, np.array(turns)) == expected
-    assert is_same_turn(b, a, np.array(turns)) == expected
+    assert is_same_turn(a, b, np.array(turns), SAME_TURN_RAD) == expected
+    assert is_same_turn(b, a, np.array(turns), SAME_TURN_RAD) == expected
 
 
 def candidate(part: int, pose: int, theta: float, x: float = 0.0) -> Candidate:

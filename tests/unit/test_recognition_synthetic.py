@@ -505,7 +505,7 @@ def test_under_lamps_an_outline_leads_to_edges_that_are_farther_off_than_each_ot
     grey = lit_tower(T)
     (region,) = segment(grey, "front").regions
     scene = TableScene((grey,), wide(), known, is_backlit=False)
-    cutout = ObjectCutout(region, scene, [region.loops_px])
+    cutout = ObjectCutout(region, scene)
     (upright,) = [p.index for p in known.entries[0].poses if np.allclose(p.R, np.eye(3))]
     off_mm = []
     for side in np.radians(range(0, 360, 60)):

@@ -76,8 +76,15 @@ class ImageEdges:
         )
 
     @staticmethod
-    def of(measure: GreyMeasure, within: BoolArray) -> "ImageEdges":
-        """Return the ridges of the gradient inside a region (h, w) of the crop."""
+    def of(measure: GreyMeasure, within: BoolArray, most: int = MAX_EDGES) -> "ImageEdges":
+        """Return the ridges of the gradient inside a region of the crop.
+
+        Parameters
+        ----------
+        measure : gradient of the crop
+        within : (h, w)
+        most : about so many pixels are kept
+        """
         gx, gy = measure.own
         size = cv2.magnitude(gx, gy)
         inside = size[within]
@@ -93,7 +100,7 @@ class ImageEdges:
         du, dv = np.rint(nx).astype(int), np.rint(ny).astype(int)
         ridge = (size[v, u] >= size[v + dv, u + du]) & (size[v, u] > size[v - dv, u - du])
         v, u, nx, ny = v[ridge], u[ridge], nx[ridge], ny[ridge]
-        every = max(1, len(v) // MAX_EDGES)
+        every = max(1, len(v) // most)
         v, u, nx, ny = v[::every], u[::every], nx[::every], ny[::every]
         points = np.column_stack([u, v]).astype(np.float64) + measure.corner
         normals = np.column_stack([nx, ny]).astype(np.float64)

@@ -158,7 +158,7 @@ def fit_edges(
     camera : calibrated, in the world's frame
     measure : edge finder
     options : range and number of steps, and the free parameters; None for a part that lies level
-    first : result of `first_edges` at the start, if it is known
+    first : the edges predicted at the start, if they are known
 
     Returns
     -------
@@ -167,7 +167,7 @@ def fit_edges(
     options = options or FitOptions()
     T = T_world_part
     for reach in options.reach_px:
-        edges = first or first_edges(model, T, camera, measure, options)
+        edges = first or _first_edges(model, T, camera, measure, options)
         first = None
         if len(edges.pixels) < MIN_POINTS:
             return None
@@ -217,7 +217,7 @@ def coarse_fit(
     first: ModelEdgePoints | None = None
     for reach_px in reaches_px:
         options = FitOptions((reach_px,), steps=3, most=most)
-        first = first or first_edges(model, T_world_part, camera, measure, options)
+        first = first or _first_edges(model, T_world_part, camera, measure, options)
         fit = fit_edges(model, T_world_part, camera, measure, options, first)
         if fit is not None and (best is None or fit.score > best.score):
             best = fit
@@ -226,19 +226,13 @@ def coarse_fit(
     return best
 
 
-def first_edges(
+def _first_edges(
     model: EdgeModel,
     T_world_part: FloatArray,
     camera: Camera,
     measure: Measure,
     options: FitOptions,
 ) -> ModelEdgePoints:
-    """Return the edges with which a fit begins: shared by fits that begin in one place.
-
-    Parameters
-    ----------
-    model, T_world_part, camera, measure, options : as `fit_edges`
-    """
     predict = predict_edges if measure.sees_inside else predict_outline
     return predict(model, T_world_part, camera, options.most)
 

@@ -9,12 +9,10 @@ from ._edgelets import Edgelets, picture_edgelets
 from ._index import EdgeletIndex, edgelet_index
 from ._model import view_edgelets
 from ._sweep import PlacedView, swept
-from ._tolerances import GreyTolerances
 
 __all__ = [
     "EdgeletIndex",
     "Edgelets",
-    "GreyTolerances",
     "PlacedView",
     "edgelet_index",
     "picture_edgelets",

@@ -13,10 +13,10 @@ from controller.arrays import Float32Array, FloatArray
 from controller.cad import DrawnEdge, LineView
 
 from ._edgelets import EDGELET_MM
-from ._tolerances import GreyTolerances
 
 MAX_EDGELETS: Final = 240  # edgelets of a view; more add nothing
 OUTLINE_WEIGHT: Final = 1.5  # an outline surely shows before a table of another grey
+SMOOTH_WEIGHT: Final = 0.3  # weight of a smooth join, which is visible under some lamps only
 SHORTEST: Final = 0.3  # shortest run of a drawing that is an edgelet, in edgelets
 
 
@@ -26,7 +26,6 @@ def view_edgelets(
     eye_height_mm: float | None = None,
     *,
     v_down: bool = True,
-    tol: GreyTolerances | None = None,
 ) -> Float32Array:
     """Return edgelets (k, 5) of a line drawing in the table plane, up to `MAX_EDGELETS`.
 
@@ -36,15 +35,13 @@ def view_edgelets(
     T_world_part, eye_height_mm : (4, 4) pose it was drawn in, and the eye's height above the table;
         without them all of the view moves as one
     v_down : its second coordinate runs downwards, as a camera's does; False for `line_view`
-    tol : weight of smooth joins; None for the defaults
 
     Returns
     -------
     x, y [mm], shift per unit shift of the part (1 on the table), direction (0..pi) and weight of
     each, evenly along the runs; any first part of the list is spread over the part
     """
-    tol = tol or GreyTolerances()
-    runs = [_run(edge, T_world_part, eye_height_mm, v_down, tol) for edge in view.edges]
+    runs = [_run(edge, T_world_part, eye_height_mm, v_down) for edge in view.edges]
     total = sum(float(np.hypot(*np.diff(p, axis=0).T).sum()) for p, _, _ in runs)
     step = max(EDGELET_MM, total / MAX_EDGELETS)
     rows = []
@@ -75,7 +72,6 @@ def _run(
     T_world_part: FloatArray | None,
     eye_height_mm: float | None,
     v_down: bool,
-    tol: GreyTolerances,
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return a drawn edge's points, the rates at which they move, and its weight."""
     points = np.asarray(edge.points, dtype=np.float64) * np.array([1.0, -1.0 if v_down else 1.0])
@@ -83,5 +79,5 @@ def _run(
     if T_world_part is not None and eye_height_mm is not None:
         height = edge.points_mm @ T_world_part[2, :3] + T_world_part[2, 3]
         spread = eye_height_mm / (eye_height_mm - height)
-    weight = tol.smooth_weight if edge.kind == "smooth" else 1.0
+    weight = SMOOTH_WEIGHT if edge.kind == "smooth" else 1.0
     return points, spread, OUTLINE_WEIGHT if edge.on_outline else weight

@@ -12,12 +12,15 @@ from controller.arrays import Float32Array, FloatArray, Int32Array, IntArray
 
 from ._edgelets import Edgelets
 from ._index import ASKED, EdgeletIndex
-from ._tolerances import GreyTolerances
 
 CELL_MM = 0.8
 DIRECTIONS = 16
 FIRST_ASKED = 24  # edgelets of a view in its first score
 FIT_ROUNDS = 3
+REACH_MM = 1.6  # distance of edges from a coarse placement: 3 deg on 30 mm
+# The same of a fitted one, and the angle between edges: walls that the view at the table's centre
+# does not show, and doubled lines, move edges by that much.
+MATCH_MM, MATCH_RAD = 0.7, np.radians(9.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -44,17 +47,16 @@ class EdgeMap:
     weights: Float32Array
 
 
-def edge_map(edgelets: Edgelets, foot_mm: FloatArray, tol: GreyTolerances) -> EdgeMap:
+def edge_map(edgelets: Edgelets, foot_mm: FloatArray) -> EdgeMap:
     """Return the map of a picture's edgelets.
 
     Parameters
     ----------
     edgelets : edgelets of the picture, table plane [mm]; at least one
     foot_mm : (2,) point of the table below the camera, which the map is about
-    tol : range of the search for edges about a position
     """
     points = edgelets.points_mm - foot_mm
-    reach = int(np.ceil(tol.reach_mm / CELL_MM))
+    reach = int(np.ceil(REACH_MM / CELL_MM))
     low = points.min(axis=0) - (reach + 1.5) * CELL_MM
     cell = np.floor((points - low) / CELL_MM).astype(np.int64)
     width, height = (cell.max(axis=0) + reach + 2).tolist()
@@ -143,9 +145,7 @@ def quick_scores(seen: EdgeMap, index: EdgeletIndex, poses: FloatArray, most: in
     return alive[np.argsort(-full, kind="stable")[:most]]
 
 
-def fitted(
-    seen: EdgeMap, index: EdgeletIndex, poses: FloatArray, tol: GreyTolerances
-) -> FloatArray:
+def fitted(seen: EdgeMap, index: EdgeletIndex, poses: FloatArray) -> FloatArray:
     """Return hypotheses (n, 4) moved so that their edgelets lie on those of the picture.
 
     Parameters
@@ -153,12 +153,11 @@ def fitted(
     seen : the picture's edgelets
     index : the views
     poses : (n, 4) view, turn [rad] and shift [mm] about the camera's foot; left as they are
-    tol : largest distance of an edge
     """
     poses = poses.copy()
     pieces = index.edgelets(poses[:, 0].astype(np.int64), 0, ASKED)
     k = pieces[2]
-    narrow = np.float32(1 / (0.5 * tol.reach_mm) ** 2)
+    narrow = np.float32(1 / (0.5 * REACH_MM) ** 2)
     for _ in range(FIT_ROUNDS):
         single = poses.astype(np.float32)
         met, x, y, _ = _look_up(seen, pieces, single)
@@ -178,9 +177,7 @@ def fitted(
     return poses
 
 
-def rated(
-    seen: EdgeMap, index: EdgeletIndex, poses: FloatArray, tol: GreyTolerances
-) -> tuple[FloatArray, FloatArray]:
+def rated(seen: EdgeMap, index: EdgeletIndex, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the shares (n,) of each view's edges found, and of the picture's edges explained.
 
     Parameters
@@ -188,7 +185,6 @@ def rated(
     seen : the picture's edgelets
     index : the views
     poses : (n, 4) view, turn [rad] and shift [mm] about the camera's foot, `fitted`
-    tol : largest distance and obliqueness of a match
     """
     model = poses[:, 0].astype(np.int64)
     pieces = index.edgelets(model)
@@ -197,9 +193,9 @@ def rated(
     nx, ny = seen.normal_x[met], seen.normal_y[met]
     gap = np.abs((seen.x_mm[met] - x) * nx + (seen.y_mm[met] - y) * ny)
     lean = np.abs(np.cos(angle) * nx + np.sin(angle) * ny)
-    hit = (met >= 0) & (gap < tol.match_mm) & (lean < np.sin(tol.match_rad))
+    hit = (met >= 0) & (gap < MATCH_MM) & (lean < np.sin(MATCH_RAD))
     # of two that are all near, the one that lies better
-    worth = 1 - gap * gap * np.float32(0.5 / tol.match_mm**2)
+    worth = 1 - gap * gap * np.float32(0.5 / MATCH_MM**2)
     found = (pieces[4] * worth * hit).sum(axis=1) / np.maximum(index.totals[model], 1e-9)
     # of the picture's edgelets, those as near to the view's origin as it reaches
     count = len(seen.weights)

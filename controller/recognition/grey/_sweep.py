@@ -15,7 +15,6 @@ from controller.arrays import ByteArray, FloatArray, IntArray
 from ._edgelets import Edgelets, join_edgelets
 from ._index import EdgeletIndex
 from ._score import edge_map, fitted, quick_scores, rated
-from ._tolerances import GreyTolerances
 
 CELL_MM = 1.0
 DIRECTIONS = 16
@@ -58,7 +57,6 @@ def swept(
     *,
     foot_mm: tuple[float, float],
     most: int,
-    tol: GreyTolerances | None = None,
 ) -> tuple[PlacedView, ...]:
     """Return the hypotheses for a thing by its edges alone, best first.
 
@@ -72,9 +70,7 @@ def swept(
     box_mm : (2, 2) lowest and highest x and y of the thing, or of a piece of it
     foot_mm : the point of the table plane below the camera, which tall parts lean away from
     most : hypotheses returned
-    tol : tolerances on edges that match; None for the defaults
     """
-    tol = tol or GreyTolerances()
     foot = np.asarray(foot_mm, dtype=np.float64)
     every = join_edgelets(list(shown))
     if len(index.sizes_mm) == 0 or len(every.points_mm) == 0 or len(clear.points_mm) == 0:
@@ -82,11 +78,11 @@ def swept(
     coarse = _placed(every, index, turns_rad, box_mm - foot, foot)
     if len(coarse) == 0:
         return ()
-    seen = edge_map(every, foot, tol)
+    seen = edge_map(every, foot)
     coarse = coarse[quick_scores(seen, index, coarse, MAX_FITTED)]
-    poses = fitted(seen, index, coarse, tol)
-    found = rated(seen, index, poses, tol)[0]
-    explained = rated(edge_map(clear, foot, tol), index, poses, tol)[1]
+    poses = fitted(seen, index, coarse)
+    found = rated(seen, index, poses)[0]
+    explained = rated(edge_map(clear, foot), index, poses)[1]
     scores = 2 * found * explained / np.maximum(found + explained, 1e-9)
     return tuple(
         PlacedView(

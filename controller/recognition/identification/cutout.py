@@ -1,14 +1,14 @@
 """Cutouts of the pictures about one object, computed on demand."""
 
-from collections.abc import Sequence
 from functools import cached_property
 
 import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, Grey
+from controller.imaging import Camera, render_maps
 
-from ..fitting import GreyMeasure, ImageEdges, Measure, OutlineMeasure
+from ..fitting import EdgeFit, EdgeModel, GreyMeasure, ImageEdges, Measure, OutlineMeasure
 from ..segmentation import Region
 from .scene import TableScene
 
@@ -23,21 +23,13 @@ class ObjectCutout:
     ----------
     region : as it was cut out
     scene : its pictures, and the parts that it may be
-    outlines : the loops [px] of each outline that it may have; the region's own first
     """
 
-    def __init__(
-        self,
-        region: Region,
-        scene: TableScene,
-        outlines: Sequence[tuple[FloatArray, ...]],
-    ) -> None:
+    def __init__(self, region: Region, scene: TableScene) -> None:
         self.region, self.scene = region, scene
         self.camera, self.library = scene.camera, scene.library
         self.is_backlit = scene.is_backlit
         self.is_lit = len(scene.pictures) > 1 or not scene.is_backlit
-        self._loops_px = outlines
-        self._outlines: dict[int, OutlineMeasure] = {}
 
     @cached_property
     def mm_per_px(self) -> float:
@@ -57,16 +49,10 @@ class ObjectCutout:
         x0, y0, x1, y1 = self.region.box_px
         return tuple(np.ascontiguousarray(picture[y0:y1, x0:x1]) for picture in self.scene.pictures)
 
-    @property
+    @cached_property
     def outline(self) -> OutlineMeasure:
         """Its outline."""
-        return self.outline_of(0)
-
-    def outline_of(self, which: int) -> OutlineMeasure:
-        """Return one of its possible outlines."""
-        if which not in self._outlines:
-            self._outlines[which] = OutlineMeasure.of_loops(self._loops_px[which])
-        return self._outlines[which]
+        return OutlineMeasure.of_loops(self.region.loops_px)
 
     @cached_property
     def greys(self) -> tuple[GreyMeasure, ...]:
@@ -111,3 +97,27 @@ class ObjectCutout:
             within = np.asarray(cv2.dilate(self.region.mask.astype(np.uint8), wide) > 0)
         telling = self.greys[: max(len(self.greys) - self.is_backlit, 1)]
         return tuple(ImageEdges.of(grey, within) for grey in telling)
+
+
+def part_depth_mm(
+    model: EdgeModel, fit: EdgeFit, camera: Camera, box_px: tuple[int, int, int, int]
+) -> FloatArray:
+    """Return the depth (h, w) of a box of the picture from the camera to a part; inf beside it.
+
+    Parameters
+    ----------
+    model, fit : model of the part, and its fitted pose
+    camera : overhead, calibrated
+    box_px : (x0, y0, x1, y1) pixels, the last ones excluded
+    """
+    x0, y0, x1, y1 = box_px
+    out = np.full((y1 - y0, x1 - x0), np.inf)
+    seen = fit.edges.pixels
+    low = np.maximum(np.floor(seen.min(axis=0)).astype(int) - 2, [x0, y0])
+    high = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + 3, [x1, y1])
+    if (low >= high).any():
+        return out
+    roi = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+    maps = render_maps(model.caster, fit.T_world_part, camera, roi)
+    out[low[1] - y0 : high[1] - y0, low[0] - x0 : high[0] - x0] = maps.depth_mm
+    return out

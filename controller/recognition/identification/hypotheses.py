@@ -26,7 +26,6 @@ from ..fitting import (
     are_shaded,
     at_rest_in,
     coarse_fit,
-    first_edges,
     fit_edges,
     grey_evidence,
     longest_alone_mm,
@@ -35,8 +34,8 @@ from ..fitting import (
     shading_fits,
     with_inside,
 )
-from ..library import Candidate, Library, place_of, pose_on_table, turn_of
-from ..partial import Cluster, predicted_shares, shares_met
+from ..library import Candidate, Library, is_same_turn, place_of, pose_on_table, turn_of
+from ..partial import Cluster, predicted_shares
 from .cutout import ObjectCutout
 from .scene import SearchLimits
 from .scores import (
@@ -80,6 +79,38 @@ class Hypothesis:
     log_odds: float
     overlap: float
     source: str
+
+
+def hypothesis_of(
+    candidate: Candidate,
+    fit: EdgeFit,
+    library: Library,
+    evidence: Evidence,
+    probability: float,
+    log_odds: float,
+    source: str,
+) -> Hypothesis:
+    """Return a fitted candidate as a hypothesis.
+
+    Parameters
+    ----------
+    candidate, fit : candidate, and the fit of its pose
+    library : library of the candidate
+    evidence, probability, log_odds, source : of the `Hypothesis`
+    """
+    entry = library.entries[candidate.part]
+    return Hypothesis(
+        part=candidate.part,
+        pose=candidate.pose,
+        theta_rad=turn_of(entry.pose(candidate.pose).R, fit.T_world_part),
+        place_mm=place_of(entry, fit.T_world_part),
+        fit=fit,
+        evidence=evidence,
+        probability=probability,
+        log_odds=log_odds,
+        overlap=candidate.overlap,
+        source=source,
+    )
 
 
 def weigh(
@@ -200,14 +231,9 @@ def _that_may_fit(
     if outline is None or len(outline.points_px) == 0:
         yield from others
         return
-    met = shares_met(others, outline, cutout.library, limits.first_reach_mm)
-    # far from its place a tall part's view is another one
-    met[[c.slack_mm > limits.far_mm for c in others]] = 1.0
+    met, _ = predicted_shares(others, outline, cutout.library, limits.first_reach_mm)
     least = min(limits.least_met, float(met.max()))
-    likely = [c for c, share in zip(others, met.tolist(), strict=True) if share >= least]
-    found, _ = predicted_shares(likely, outline, cutout.library, limits.first_reach_mm)
-    least = min(limits.least_predicted, float(found.max()))
-    yield from (c for c, share in zip(likely, found.tolist(), strict=True) if share >= least)
+    yield from (c for c, share in zip(others, met.tolist(), strict=True) if share >= least)
 
 
 def is_tried(
@@ -249,25 +275,12 @@ def is_same_reading(
     library : knows which turns leave a pose as it is
     within_mm : distance of the centres of mass below which their positions are one
     """
+    turns = library.entries[a.part].turns_of(a.pose)
     return (
         (a.part, a.pose) == (b.part, b.pose)
         and float(np.linalg.norm(a.place_mm - b.place_mm)) < within_mm
-        and is_same_turn(a.theta_rad, b.theta_rad, library.entries[a.part].turns_of(a.pose))
+        and is_same_turn(a.theta_rad, b.theta_rad, turns, SAME_TURN_RAD)
     )
-
-
-def is_same_turn(a_rad: float, b_rad: float, turns_rad: FloatArray) -> bool:
-    """Return True if two turns are equal up to those that leave the pose unchanged.
-
-    Parameters
-    ----------
-    a_rad, b_rad : about z, of any number of full turns
-    turns_rad : (k,) turns that leave the pose as it is, 0 among them; empty if any does
-    """
-    if len(turns_rad) == 0:
-        return True
-    gap = (a_rad - b_rad - turns_rad + np.pi) % (2 * np.pi) - np.pi
-    return bool(np.abs(gap).min() < SAME_TURN_RAD)
 
 
 def _is_perfect(h: Hypothesis, limits: SearchLimits) -> bool:
@@ -284,7 +297,7 @@ def _coarse(
     """Return a candidate's first fit and score; a tall part is sought over a wider range.
 
     Under lamps inner edges are near each other, and a view made for another place may be off by
-    more than that: there the outline of the silhouette that found it is fitted first.
+    more than that: there the outline is fitted first.
 
     Parameters
     ----------
@@ -312,27 +325,15 @@ def _coarse(
 def _coarse_by_outline(
     T_world_part: FloatArray, candidate: Candidate, cutout: ObjectCutout, limits: SearchLimits
 ) -> tuple[EdgeFit | None, float]:
-    """Return the fit to a picture's edges, started from the fit to the outline.
-
-    The silhouette that found it may lack dark walls: then the likeliest outline may do better.
-    """
+    """Return the fit to a picture's edges, started from the fit to the outline."""
     model = cutout.library.model(candidate.part)
     reach_px = _reach_px(limits.first_reach_mm + candidate.slack_mm, cutout)
     options = FitOptions((reach_px,), steps=3, most=limits.coarse_samples)
-    start, best_score = None, 0.0
-    first = first_edges(model, T_world_part, cutout.camera, cutout.outline, options)
-    for which in dict.fromkeys((candidate.silhouette, 0)):
-        outline = cutout.outline_of(which)
-        fit = fit_edges(model, T_world_part, cutout.camera, outline, options, first)
-        score = 0.0 if fit is None else fit.score
-        if fit is not None and score > best_score:
-            start, best_score = fit.T_world_part, score
-        if best_score >= limits.sure_coarse:
-            break
+    start = fit_edges(model, T_world_part, cutout.camera, cutout.outline, options)
     if start is None:
         return None, 0.0
     options = replace(options, reach_px=(_reach_px(limits.after_outline_mm, cutout),))
-    fit = fit_edges(model, start, cutout.camera, cutout.measure, options)
+    fit = fit_edges(model, start.T_world_part, cutout.camera, cutout.measure, options)
     return fit, 0.0 if fit is None else fit.score
 
 
@@ -340,8 +341,7 @@ def _refine(
     candidate: Candidate, coarse: EdgeFit, cutout: ObjectCutout, limits: SearchLimits
 ) -> Hypothesis | None:
     model = cutout.library.model(candidate.part)
-    entry = cutout.library.entries[candidate.part]
-    pose = entry.pose(candidate.pose)
+    pose = cutout.library.entries[candidate.part].pose(candidate.pose)
     options = FitOptions(
         reach_px=tuple(_reach_px(min(mm, limits.first_reach_mm), cutout) for mm in FINE_REACH_MM),
         steps=3,
@@ -355,18 +355,9 @@ def _refine(
         evidence = outline_evidence(fit, cutout.outline, cutout.mm_per_px)
     else:
         evidence = _under_lamps(fit, model, cutout)
-    return Hypothesis(
-        part=candidate.part,
-        pose=candidate.pose,
-        theta_rad=turn_of(pose.R, fit.T_world_part),
-        place_mm=place_of(entry, fit.T_world_part),
-        fit=fit,
-        evidence=evidence,
-        probability=probability(evidence, SILHOUETTE if cutout.is_backlit else FRONT),
-        log_odds=log_odds(evidence, is_lit=cutout.is_lit),
-        overlap=candidate.overlap,
-        source=candidate.source,
-    )
+    own = probability(evidence, SILHOUETTE if cutout.is_backlit else FRONT)
+    lead = log_odds(evidence, is_lit=cutout.is_lit)
+    return hypothesis_of(candidate, fit, cutout.library, evidence, own, lead, candidate.source)
 
 
 def _under_lamps(fit: EdgeFit, model: EdgeModel, cutout: ObjectCutout) -> Evidence:

@@ -2,10 +2,9 @@
 
 from typing import Final
 
-import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import FloatArray
 from messages import key
 
 from ..library import FEW_VIEWS, Candidate, Library, Silhouette, polar_grid
@@ -32,22 +31,17 @@ def identify(region: Region, scene: TableScene) -> Seen:
     region : as it was cut out
     scene : its pictures, and the parts that it may be
     """
-    outlines, silhouettes = _silhouettes(region, scene)
-    if not silhouettes:
+    silhouette = silhouette_of(region.loops_px, scene)
+    if silhouette is None:
         reason = key("too small to recognise")
         return unknown(region, scene, 0.0, 1.0, reason), Trace(region, (), ())
-    main, library = silhouettes[0], scene.library
+    area_mm2, library = silhouette.area_mm2, scene.library
     if region.touches_edge:
         reason = key("partly outside the picture or the backlit area; move it inwards")
-        return unknown(region, scene, main.area_mm2, 1.0, reason), Trace(region, (), ())
+        return unknown(region, scene, area_mm2, 1.0, reason), Trace(region, (), ())
     far = FAR_BACKLIT if scene.is_backlit else FAR_FRONT
-    candidates = [
-        c
-        for which, silhouette in enumerate(silhouettes)
-        for c in library.index.search(silhouette, far=far, silhouette=which)
-    ]
-    candidates.sort(key=lambda c: -c.overlap)
-    cutout = ObjectCutout(region, scene, outlines)
+    candidates = library.index.search(silhouette, far=far)
+    cutout = ObjectCutout(region, scene)
     hypotheses = weigh(candidates, cutout, scene.search)
     if not scene.is_backlit and not is_convincing(hypotheses):
         edges = edges_on_table(cutout.crops, cutout.corner_px, scene.camera)
@@ -57,8 +51,8 @@ def identify(region: Region, scene: TableScene) -> Seen:
         others = weigh(new, cutout, scene.search.for_edges(len(new)))
         hypotheses = ranked_under_lamps([*hypotheses, *others], library)
     decision = decide(hypotheses, is_backlit=scene.is_backlit)
-    if scene.is_backlit and decision.best is None and _is_crowded(main, library):
-        crowd = library.index.search(main, CROWDED_VIEWS, far=CROWD)
+    if scene.is_backlit and decision.best is None and _is_crowded(silhouette, library):
+        crowd = library.index.search(silhouette, CROWDED_VIEWS, far=CROWD)
         tried: list[Candidate] = distinct(candidates, library)[: scene.search.max_coarse]
         new = [c for c in crowd if not is_tried(c, tried, library)]
         candidates += new
@@ -68,31 +62,13 @@ def identify(region: Region, scene: TableScene) -> Seen:
     trace = Trace(region, tuple(candidates), tuple(hypotheses))
     if decision.best is None:
         reason = why_not(decision, library)
-        return unknown(region, scene, main.area_mm2, decision.score, reason), trace
-    return known(decision, decision.best, region, main.area_mm2, library), trace
+        return unknown(region, scene, area_mm2, decision.score, reason), trace
+    return known(decision, decision.best, region, area_mm2, library), trace
 
 
 def _is_crowded(silhouette: Silhouette, library: Library) -> bool:
     """Return True if more views are like a silhouette than the first search compares."""
     return library.index.near_count(silhouette, CROWD) > FEW_VIEWS
-
-
-def _silhouettes(
-    region: Region, scene: TableScene
-) -> tuple[list[tuple[FloatArray, ...]], list[Silhouette]]:
-    """Return the hypotheses about a region's outline, the likeliest first.
-
-    Returns
-    -------
-    the loops of each in the picture [px], and the silhouette in the table plane
-    """
-    outlines, found = [], []
-    for loops_px in (region.loops_px, *(_loops(m, region) for m in region.alternatives)):
-        silhouette = silhouette_of(loops_px, scene)
-        if silhouette is not None:
-            outlines.append(loops_px)
-            found.append(silhouette)
-    return outlines, found
 
 
 def silhouette_of(loops_px: tuple[FloatArray, ...], scene: TableScene) -> Silhouette | None:
@@ -118,15 +94,3 @@ def _length(loop: FloatArray) -> float:
     """Return the length of a dense loop, its pixels' zigzag smoothed away."""
     smooth = loop + np.roll(loop, 1, axis=0) + np.roll(loop, 2, axis=0) + np.roll(loop, -1, axis=0)
     return float(np.linalg.norm(np.roll(smooth, -1, axis=0) - smooth, axis=1).sum()) / 4
-
-
-def _loops(mask: BoolArray, region: Region) -> tuple[FloatArray, ...]:
-    """Return the outer loop of a mask's largest piece, and its holes, in the picture [px]."""
-    contours, tree = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    if not contours:
-        return ()
-    parent = tree[0][:, 3]
-    areas = np.array([cv2.contourArea(c) for c in contours])
-    outer = int(np.where(parent < 0, areas, -1.0).argmax())
-    mine = [outer, *np.flatnonzero(parent == outer).tolist()]
-    return tuple(contours[i].reshape(-1, 2) + np.array(region.box_px[:2], float) for i in mine)

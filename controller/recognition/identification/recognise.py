@@ -18,7 +18,7 @@ from ..library import Library
 from ..segmentation import Segmentation, brightest_of, segment
 from .clusters import Answers, each_once, taken_apart, taken_apart_backlit
 from .lone import identify
-from .scene import RecognitionLimits, TableScene
+from .scene import TableScene
 from .sighting import Recognition, Sighting, Trace
 from .wider import looked_wider
 
@@ -30,7 +30,6 @@ def recognise(
     lighting: Literal["backlit", "front", "auto"] = "auto",
     usable: BoolArray | None = None,
     lit: Sequence[Grey] = (),
-    limits: RecognitionLimits | None = None,
 ) -> Recognition:
     """Return the things on the table, the largest first.
 
@@ -47,7 +46,6 @@ def recognise(
     lit : pictures of the same scene under other lamps. Before a light table they decide what
         silhouettes cannot, parts that lie on others among it; under lamps all pictures are judged
         as one
-    limits : limits of the search and tolerances on agreement; None for the defaults
 
     Raises
     ------
@@ -56,8 +54,7 @@ def recognise(
     width, height = camera.size_px
     if picture.shape != (height, width):
         raise ValueError(f"a picture {picture.shape[::-1]} from a camera of {camera.size_px}")
-    limits = limits or RecognitionLimits()
-    scene = TableScene((*lit, picture), camera, library, True, usable, limits)
+    scene = TableScene((*lit, picture), camera, library, True, usable)
     is_backlit = lighting != "front"
     if is_backlit or not lit:
         found = segment(picture, lighting, usable, scene.least_px)

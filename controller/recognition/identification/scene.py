@@ -11,6 +11,8 @@ from controller.imaging import Camera
 from ..library import Library
 from ..segmentation import brightest_of
 
+MIN_AREA_MM2 = 60.0  # smaller things are chips and dust, not parts
+
 
 @dataclass(frozen=True, slots=True)
 class SearchLimits:
@@ -20,9 +22,8 @@ class SearchLimits:
     ----------
     max_coarse, max_lit : candidates fitted coarsely: to an outline, which is soon done; under
         lamps, where edges propose others
-    least_met, least_predicted : share of its outline by which a view has to meet a backlit one,
-        and its part predicted there, to be fitted: of 47 that fit the least were 0.90 and 0.98
-    far_mm : largest offset of a view's position at which its outline is still tried
+    least_met : share of its predicted outline by which a part has to meet a backlit one to be
+        fitted: of 47 that fit the least was 0.98
     least_coarse : coarse score below which a backlit outline's candidate is fitted in full only
         to say what came nearest: those of right answers had 0.87 and more
     sure_coarse : coarse score from which a candidate is fitted in full at once
@@ -42,9 +43,7 @@ class SearchLimits:
     max_coarse: int = 14
     max_lit: int = 9
     max_crowded: int = 40
-    least_met: float = 0.8
-    least_predicted: float = 0.88
-    far_mm: float = 4.0
+    least_met: float = 0.88
     least_coarse: float = 0.7
     sure_coarse: float = 0.8
     max_fine: int = 4
@@ -70,20 +69,6 @@ class SearchLimits:
         return replace(self, max_lit=count, max_fine=count, first_reach_mm=reach_mm)
 
 
-@dataclass(frozen=True, slots=True)
-class RecognitionLimits:
-    """Tolerances of recognition, each with its reason.
-
-    Attributes
-    ----------
-    min_area_mm2 : smaller things are chips and dust, not parts
-    search : limits of the search
-    """
-
-    min_area_mm2: float = 60.0
-    search: SearchLimits = field(default_factory=SearchLimits)
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class TableScene:
     """The pictures of one table, and what may lie on it.
@@ -96,7 +81,7 @@ class TableScene:
     library : library of the possible parts, made for this camera
     is_backlit : outlines are known whole
     usable : (height, width) mask of the area for parts; None for everywhere
-    limits : limits of the search and tolerances on agreement
+    search : limits of the search
     """
 
     pictures: Sequence[Grey]
@@ -104,12 +89,7 @@ class TableScene:
     library: Library
     is_backlit: bool
     usable: BoolArray | None = None
-    limits: RecognitionLimits = field(default_factory=RecognitionLimits)
-
-    @property
-    def search(self) -> SearchLimits:
-        """Limits of the search."""
-        return self.limits.search
+    search: SearchLimits = field(default_factory=SearchLimits)
 
     @property
     def pixel_mm2(self) -> float:
@@ -122,7 +102,7 @@ class TableScene:
     @property
     def least_px(self) -> float:
         """Pixels of the smallest thing."""
-        return self.limits.min_area_mm2 / self.pixel_mm2
+        return MIN_AREA_MM2 / self.pixel_mm2
 
     def mm_per_px(self, place_mm: FloatArray) -> float:
         """Return the size of a pixel at a place (2,) of the table."""

@@ -12,12 +12,11 @@ import numpy as np
 from controller.arrays import BoolArray
 
 from ..fitting import Evidence, outline_evidence
-from ..library import place_of, turn_of
 from ..partial import CELL_PX, Cluster, PartialFit, PartPlace, explain_cluster
 from ..segmentation import Region
 from .cutout import ObjectCutout
 from .decide import Decision, decide
-from .hypotheses import Hypothesis, look_inside, without_repeats
+from .hypotheses import Hypothesis, hypothesis_of, look_inside, without_repeats
 from .scene import TableScene
 from .scores import SILHOUETTE, log_odds, probability
 
@@ -75,24 +74,15 @@ def parts_of(region: Region, scene: TableScene) -> tuple[PartialSighting, ...]:
 
 def _hypotheses(place: PartPlace, own: Region, scene: TableScene) -> list[Hypothesis]:
     mm = scene.mm_per_px(place.fits[0].fit.T_world_part[:2, 3])
-    cutout, library = ObjectCutout(own, scene, [own.loops_px]), scene.library
+    cutout, library = ObjectCutout(own, scene), scene.library
     found = []
     for fit, share in zip(place.fits, place.explained, strict=True):
-        c, entry = fit.candidate, library.entries[fit.candidate.part]
         evidence = _evidence(fit, share, mm)
+        alone = probability(evidence, SILHOUETTE)
+        lead = log_odds(evidence, is_lit=cutout.is_lit)
+        source = fit.candidate.source
         found.append(
-            Hypothesis(
-                part=c.part,
-                pose=c.pose,
-                theta_rad=turn_of(entry.pose(c.pose).R, fit.fit.T_world_part),
-                place_mm=place_of(entry, fit.fit.T_world_part),
-                fit=fit.free_fit,
-                evidence=evidence,
-                probability=probability(evidence, SILHOUETTE),
-                log_odds=log_odds(evidence, is_lit=cutout.is_lit),
-                overlap=c.overlap,
-                source="stretches",
-            )
+            hypothesis_of(fit.candidate, fit.free_fit, library, evidence, alone, lead, source)
         )
     return look_inside(without_repeats(found, library), cutout)
 

@@ -12,14 +12,13 @@ import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, Grey
-from controller.imaging import render_maps
 
 from ..fitting import ImageEdges
 from ..library import Candidate
 from ..segmentation import Region, joined, near_ones
 from .by_edges import by_edges, edges_on_table
 from .clusters import Answers
-from .cutout import ObjectCutout
+from .cutout import ObjectCutout, part_depth_mm
 from .decide import decide, has_other_inside
 from .hypotheses import Hypothesis, alone_in, is_tried, judged_within, weigh
 from .lit import widened
@@ -119,11 +118,11 @@ def look_wider(
     scene : pictures under several lamps, and the parts that it may be
     """
     x0, y0, x1, y1 = region.box_px
-    mm = ObjectCutout(region, scene, []).mm_per_px
+    mm = ObjectCutout(region, scene).mm_per_px
     margin_px = round(max(WIDER * max(x1 - x0, y1 - y0), WIDER_MM / mm))
     wide = widened(region, margin_px, scene.pictures[0].shape)
     free = _free(wide, others)
-    cutout = ObjectCutout(wide, scene, [wide.loops_px])
+    cutout = ObjectCutout(wide, scene)
     edges = edges_on_table(cutout.crops, cutout.corner_px, scene.camera, free)
     candidates = by_edges(edges, cutout.corner_px, wide.mask, scene)
     found = weigh(candidates, cutout, scene.search.for_edges(len(candidates)))
@@ -137,7 +136,7 @@ def look_wider(
     best = max(likely, key=lambda h: (not has_other_inside(h), h.probability))
     mask = wide.mask | (_covered(best, wide, scene) & free)
     wide = replace(wide, mask=mask)
-    cutout = ObjectCutout(wide, scene, [])
+    cutout = ObjectCutout(wide, scene)
     judged = judged_within(likely, cutout)
     about = _edges_about(cutout, free, round(BAND_MM / mm))
     # one that leaves most of the thing open says nothing against another
@@ -186,16 +185,5 @@ def _free(wide: Region, others: Sequence[Region]) -> BoolArray:
 
 def _covered(h: Hypothesis, wide: Region, scene: TableScene) -> BoolArray:
     """Return a mask (h, w) of a region's box covered by the part of a hypothesis."""
-    x0, y0, x1, y1 = wide.box_px
-    seen = h.fit.edges.pixels
-    low = np.maximum(np.floor(seen.min(axis=0)).astype(int) - 1, [x0, y0])
-    high = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + 2, [x1, y1])
-    out = np.zeros(wide.mask.shape, dtype=np.bool_)
-    if (low >= high).any():
-        return out
-    roi = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
-    depth = render_maps(
-        scene.library.model(h.part).caster, h.fit.T_world_part, scene.camera, roi
-    ).depth_mm
-    out[low[1] - y0 : high[1] - y0, low[0] - x0 : high[0] - x0] = np.isfinite(depth)
-    return out
+    model = scene.library.model(h.part)
+    return np.isfinite(part_depth_mm(model, h.fit, scene.camera, wide.box_px))

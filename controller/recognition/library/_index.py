@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
+from controller.arrays import Float32Array, FloatArray, Int32Array, IntArray
 
 from ._views import PartViews
 from .polar import HALF, TURNS, shape_of, spectra, turn_scores
@@ -54,8 +54,7 @@ class Candidate:
     overlap : cosine of the two silhouettes, 0..1; of other proposers, their score
     distance : in the index
     slack_mm : allowance for the offset of its position from the one that the view was made for
-    silhouette : number of the object's silhouette, or piece, by which it was found
-    view : number of the view in the index; -1 if it was not found by one
+    piece : number of the cluster's piece by which it was found
     source : what proposed it: "outline", "stretches" of it, or "edges"
     """
 
@@ -67,8 +66,7 @@ class Candidate:
     overlap: float
     distance: float
     slack_mm: float = 0.0
-    silhouette: int = 0
-    view: int = -1
+    piece: int = 0
     source: str = "outline"
 
     @property
@@ -98,7 +96,6 @@ class ViewIndex:
         self._perimeter_mm = np.concatenate([v.perimeter_mm for v in views])
         self.outer_mm = np.concatenate([v.outer_mm for v in views])
         self._holes_mm = np.concatenate([v.holes_mm for v in views])
-        self._looks: dict[int, tuple[Float32Array, Float32Array, Float32Array, BoolArray]] = {}
         self._eye = np.asarray(eye_mm, dtype=np.float64)
         self._bits = np.concatenate([v.bits for v in views])
         self._mean, self._basis = self._principal(views)
@@ -143,28 +140,6 @@ class ViewIndex:
         both = np.nan_to_num(both)
         return both[..., :2], both[..., 2:], weights
 
-    def looks(self, views: IntArray, count: int) -> tuple[Float32Array, Float32Array, Float32Array]:
-        """Return `outline_samples` of some views from a cache; for small counts.
-
-        Parameters
-        ----------
-        views : (n,) indices, each once
-        count : about so many samples of each
-        """
-        if count not in self._looks:
-            shapes = [one.shape[1:] for one in self.outline_samples(np.zeros(1, np.int64), count)]
-            points, normals, weights = (np.zeros((self.view_count, *s), np.float32) for s in shapes)
-            is_known = np.zeros(self.view_count, dtype=np.bool_)
-            self._looks[count] = points, normals, weights, is_known
-        *kept, is_known = self._looks[count]
-        new = views[~is_known[views]]
-        if len(new):
-            for into, made in zip(kept, self.outline_samples(new, count), strict=True):
-                into[new] = made
-            is_known[new] = True
-        points, normals, weights = (into[views] for into in kept)
-        return points, normals, weights
-
     def _principal(self, views: Sequence[PartViews]) -> tuple[Float32Array, Float32Array]:
         """Return mean (f,) and the directions (f, d) in which the shapes differ most."""
         every = max(1, sum(len(v.pose) for v in views) // MAX_FOR_BASIS)
@@ -202,7 +177,6 @@ class ViewIndex:
         turns_each: int = 4,
         within: float = 0.05,
         far: float = 0.6,
-        silhouette: int = 0,
     ) -> list[Candidate]:
         """Return the candidates for a silhouette, best overlap first.
 
@@ -213,7 +187,6 @@ class ViewIndex:
         turns_each : so many turns of one view at most, for near-symmetric outlines
         within : overlap a turn may fall short of the view's best one
         far : distance in the index beyond which nothing is looked at
-        silhouette : number of the object's silhouette, for the record
         """
         point = self._point_of(seen)
         distance, nearest = self._tree.query(point, k=min(max_view_count, self.view_count))
@@ -226,9 +199,7 @@ class ViewIndex:
         scores = turn_scores(spectra(grids), spectra(seen.grid))
         best = scores.max(axis=1)
         rows = np.flatnonzero(best > best.max() - OTHER_SHAPE)
-        return self._turns(
-            nearest[rows], scores[rows], distance[rows], seen, turns_each, within, silhouette
-        )
+        return self._turns(nearest[rows], scores[rows], distance[rows], seen, turns_each, within)
 
     def _turns(
         self,
@@ -238,7 +209,6 @@ class ViewIndex:
         seen: Silhouette,
         turns_each: int,
         within: float,
-        silhouette: int,
     ) -> list[Candidate]:
         """Return the best turns of some views (v,) by their scores (v, TURNS), best first."""
         before, after = np.roll(scores, 1, axis=1), np.roll(scores, -1, axis=1)
@@ -274,14 +244,9 @@ class ViewIndex:
             overlap[near],
             distance[row[near]],
             apart[near] * self.lean[view],
-            view,
         )
-        return [
-            Candidate(part, pose, turned, x, y, score, far, slack, silhouette, which)
-            for part, pose, turned, x, y, score, far, slack, which in zip(
-                *(column.tolist() for column in columns), strict=True
-            )
-        ]
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        return [Candidate(*one) for one in rows]
 
 
 def _place_in(row: IntArray) -> IntArray:

@@ -269,3 +269,18 @@ def turn_of(R: FloatArray, T_world_part: FloatArray) -> float:
     """Return the turn about the vertical [rad] from a pose's ``R`` to a posed part."""
     turned = T_world_part[:3, :3] @ R.T
     return float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))
+
+
+def is_same_turn(a_rad: float, b_rad: float, turns_rad: FloatArray, within_rad: float) -> bool:
+    """Return True if two turns are equal up to those that leave the pose unchanged.
+
+    Parameters
+    ----------
+    a_rad, b_rad : about z, of any number of full turns
+    turns_rad : (k,) turns that leave the pose as it is, 0 among them; empty if any does
+    within_rad : difference below which they are one
+    """
+    if len(turns_rad) == 0:
+        return True
+    gap = (a_rad - b_rad - turns_rad + np.pi) % (2 * np.pi) - np.pi
+    return bool(np.abs(gap).min() < within_rad)

@@ -4,8 +4,8 @@ from .candidates import propose_partial
 from .cluster import CELL_PX, Cluster
 from .depths import BURIED_CELLS, Depths, leaving_depths, lines_in_both
 from .fits import PartialFit, fit_partial
-from .parts import Explained, PartialLimits, PartPlace, explain_cluster
-from .planar import predicted_shares, shares_met
+from .parts import Explained, PartPlace, explain_cluster
+from .planar import predicted_shares
 from .together import are_one_place, best_set, by_place
 
 __all__ = [
@@ -16,7 +16,6 @@ __all__ = [
     "Explained",
     "PartPlace",
     "PartialFit",
-    "PartialLimits",
     "are_one_place",
     "best_set",
     "by_place",
@@ -26,5 +25,4 @@ __all__ = [
     "lines_in_both",
     "predicted_shares",
     "propose_partial",
-    "shares_met",
 ]

@@ -6,7 +6,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IntArray
 
-from ..library import Candidate, Library
+from ..library import Candidate, Library, is_same_turn
 from ..stretches import STRETCHES_MM, like, observed_stretches
 from .cluster import Cluster
 
@@ -116,10 +116,7 @@ def _weighed(
     for begin in range(0, len(poses.view), BLOCK):
         some = slice(begin, begin + BLOCK)
         views, of = np.unique(poses.view[some], return_inverse=True)
-        if count <= LOOK_SAMPLES:
-            samples = library.index.looks(views, count)
-        else:
-            samples = library.index.outline_samples(views, count)
+        samples = library.index.outline_samples(views, count)
         points, normals = (kept.view(np.complex64)[..., 0][of] for kept in samples[:2])
         weights = samples[2] / np.maximum(samples[2].sum(axis=1, keepdims=True), np.float32(1e-9))
         weight = weights[of]
@@ -145,11 +142,13 @@ def _best(
     for k in np.argsort(-score, kind="stable").tolist():
         view = poses.view[k]
         name = (int(index.part[view]), int(index.pose[view]))
+        turns = library.entries[name[0]].turns_of(name[1])
         alike = named.setdefault(name, [])
         if len(alike) == PER_POSE:
             continue
         in_place = [other for other in alike if _is_in_place(poses, k, other)]
-        if any(_is_same_turn(poses, k, other, name, library) for other in in_place):
+        turned = poses.turn_rad
+        if any(is_same_turn(turned[k], turned[other], turns, SAME_RAD) for other in in_place):
             continue
         alike.append(k)
         (kept if len(in_place) < per_place else more).append(k)
@@ -166,7 +165,6 @@ def _best(
             float(score[k]),
             0.0,
             float(apart[k] * index.lean[poses.view[k]]),
-            view=int(poses.view[k]),
             source="stretches",
         )
         for k in kept
@@ -175,11 +173,3 @@ def _best(
 
 def _is_in_place(poses: _Poses, a: int, b: int) -> bool:
     return float(np.linalg.norm(poses.shift_mm[a] - poses.shift_mm[b])) <= SAME_MM
-
-
-def _is_same_turn(poses: _Poses, a: int, b: int, name: tuple[int, int], library: Library) -> bool:
-    turns = library.entries[name[0]].turns_of(name[1])
-    if len(turns) == 0:
-        return True
-    gap = poses.turn_rad[a] - poses.turn_rad[b] - turns
-    return bool(np.abs((gap + np.pi) % (2 * np.pi) - np.pi).min() < SAME_RAD)

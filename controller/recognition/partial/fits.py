@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray, FloatArray
+from controller.cad.graph import components
 from controller.imaging import meet_part
 
 from ..fitting import (
@@ -224,8 +223,7 @@ def _ends_at_meetings(
     link_px = 2.2 * step_px + 1.0
     tree = cKDTree(edges.pixels[at])
     pairs = tree.query_pairs(link_px, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(at),) * 2)
-    _, stretch = connected_components(graph, directed=False)
+    stretch = components(len(at), pairs[:, 0], pairs[:, 1])
     near_free = _are_near(edges.pixels[at], edges.pixels[~(covered | beyond)], link_px)
     near_rim = _are_near(edges.pixels[at], edges.pixels[beyond], link_px)
     # an end is a sample or two off the place itself

@@ -27,34 +27,15 @@ PART_COST = 24  # outline points of the cluster, about 6 mm, that another part m
 # distance outside a part's outline within which its own outline would have been found
 ABOUT_PX = 8.0
 LEFT_CELLS = 1.5  # half the least width, in cells, of an unexplained rest
-
-
-@dataclass(frozen=True, slots=True)
-class PartialLimits:
-    """Limits of the search and conditions for an answer, each with its reason.
-
-    Attributes
-    ----------
-    least_free : share of its outline by which a part is named; with less, others look like it
-    agreement : share of its free outline that has to be found
-    misfit_px : root mean square distance of the free outline at most, as for a whole one
-    least_met, least_agreeing : share of an outline that has to be found as it is moved in the table
-        plane, before it is fitted, and the same of what is free of it. With the two shares above
-        no less than 0.58 can be found; 81 parts that were named had 0.61 and 0.93 at least
-    most_fits : places that are weighed against each other
-    give_up : number of candidates in a row that do not agree after which the search ends, likelier
-        ones first
-    max_rounds : number of rounds in which parts are sought in the unexplained rest
-    """
-
-    least_free: float = 0.65
-    agreement: float = 0.9
-    misfit_px: float = MAX_MISFIT_PX
-    least_met: float = 0.5
-    least_agreeing: float = 0.8
-    most_fits: int = 16
-    give_up: int = 24
-    max_rounds: int = 4
+MIN_FREE = 0.65  # share of its outline by which a part is named; with less, others look like it
+MIN_AGREEMENT = 0.9  # share of its free outline that has to be found
+# Share of an outline to be found as it is moved in the table plane, before it is fitted, and
+# the same of what is free of it. With the two shares above no less than 0.58 can be found; 81 parts
+# that were named had 0.61 and 0.93 at least.
+MIN_MET, MIN_AGREEING = 0.5, 0.8
+MAX_PLACES = 16  # places that are weighed against each other
+GIVE_UP = 24  # candidates in a row that do not agree, after which likelier ones are not to come
+MAX_ROUNDS = 4  # rounds in which parts are sought in the unexplained rest
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -80,34 +61,28 @@ class Explained:
     ----------
     places : the parts that are there
     left : (h, w) mask of the cluster's box that none of the parts covers
-    fits : all that agreed with the picture, for the record
     """
 
     places: tuple[PartPlace, ...]
     left: BoolArray
-    fits: tuple[PartialFit, ...]
 
 
-def explain_cluster(
-    cluster: Cluster, library: Library, limits: PartialLimits | None = None
-) -> Explained:
+def explain_cluster(cluster: Cluster, library: Library) -> Explained:
     """Return the parts that explain a cluster together, with the unexplained rest.
 
     Parameters
     ----------
     cluster : several parts that touch, or one that is cut
     library : library of the possible parts
-    limits : limits of the search and tolerances on agreement; None for the defaults
     """
-    limits = limits or PartialLimits()
     fits: list[PartialFit] = []
     chosen: list[list[PartialFit]] = []
     is_open = np.ones(len(cluster.points_px), dtype=np.bool_)
-    for _ in range(limits.max_rounds):
-        new = _fitted(propose_partial(cluster, library, is_open), cluster, library, limits)
+    for _ in range(MAX_ROUNDS):
+        new = _fitted(propose_partial(cluster, library, is_open), cluster, library)
         fits = sorted([*fits, *new], key=lambda fit: -fit.rank)
         before = len(chosen)
-        chosen = _chosen(fits, limits)
+        chosen = _chosen(fits)
         for place in chosen:
             is_open &= ~place[0].explains
         if len(chosen) <= before or is_open.sum() < PART_COST:
@@ -119,22 +94,22 @@ def explain_cluster(
         others = [first for j, first in enumerate(firsts) if j != k]
         shares = tuple(_explained_about(fit, [fit, *others]) for fit in place)
         described.append(PartPlace(tuple(place), shares))
-    return Explained(tuple(described), _left(firsts, cluster), tuple(fits))
+    return Explained(tuple(described), _left(firsts, cluster))
 
 
 def _fitted(
-    candidates: Sequence[Candidate], cluster: Cluster, library: Library, limits: PartialLimits
+    candidates: Sequence[Candidate], cluster: Cluster, library: Library
 ) -> list[PartialFit]:
     """Return the candidates that agree with the picture, fitted."""
     fits: list[PartialFit] = []
     failed = 0
-    for begin in range(0, len(candidates), limits.give_up):
-        some = candidates[begin : begin + limits.give_up]
+    for begin in range(0, len(candidates), GIVE_UP):
+        some = candidates[begin : begin + GIVE_UP]
         found, covered = predicted_shares(some, cluster, library, FIRST_MM)
         free = np.maximum(1.0 - covered, 1e-9)
-        may_fit = (found >= limits.least_met) & (found >= limits.least_agreeing * free)
+        may_fit = (found >= MIN_MET) & (found >= MIN_AGREEING * free)
         for candidate, may in zip(some, may_fit.tolist(), strict=True):
-            if failed == limits.give_up:
+            if failed == GIVE_UP:
                 return fits
             failed += 1
             if not may:
@@ -142,20 +117,20 @@ def _fitted(
             fit = fit_partial(candidate, cluster, library)
             if (
                 fit is not None
-                and fit.free_share >= limits.least_free
-                and fit.agreement >= limits.agreement
-                and fit.misfit_px <= limits.misfit_px
+                and fit.free_share >= MIN_FREE
+                and fit.agreement >= MIN_AGREEMENT
+                and fit.misfit_px <= MAX_MISFIT_PX
             ):
                 fits.append(fit)
                 failed = 0
     return fits
 
 
-def _chosen(fits: Sequence[PartialFit], limits: PartialLimits) -> list[list[PartialFit]]:
+def _chosen(fits: Sequence[PartialFit]) -> list[list[PartialFit]]:
     """Return the places whose best fits explain a cluster together, each one's neighbours known."""
     fits = list(fits)
     while True:
-        places = by_place(fits, SAME_SHADOW, limits.most_fits)
+        places = by_place(fits, SAME_SHADOW, MAX_PLACES)
         best = best_set([place[0] for place in places], are_buried, _gain)
         chosen = [places[k] for k in best]
         firsts = [place[0] for place in chosen]

@@ -2,14 +2,12 @@
 
 Outlines are moved in the table plane until they lie on the visible one. That ignores the change of
 perspective between places, but takes a fraction of a fit's time, and hopeless candidates need no
-fit. An outline comes from a view, which needs no mesh of the part, or is predicted at the part's
-possible position.
+fit.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.arrays import FloatArray
 
@@ -17,16 +15,14 @@ from ..fitting import predict_outline
 from ..library import Candidate, Library, pose_on_table
 from .cluster import BEYOND, INSIDE, OUTSIDE, Cluster
 
-SAMPLES = 72  # samples of a view's outline
-PREDICTED = 120  # samples of a predicted outline
+SAMPLES = 120  # samples of a predicted outline
 STEPS = 4
 MIN_REACH_MM = 1.5  # reach of the last steps
 SAME_NORMAL = 0.5  # cosine; as a fit to an outline has it
 HUBER_MM = 0.3
 NEAR_MM = 0.5  # offset at which an outline point counts 0.6
-VIEW_MM = 0.2  # largest error of a view's raster, plus
-SLACK_SHARE = 0.3  # this share of the allowance for its position
-MOVED_MM, MOVED_SHARE = 0.1, 0.05  # likewise of one that is predicted
+# Largest error of a predicted outline that is moved, and this share of the allowance for its place.
+MOVED_MM, MOVED_SHARE = 0.1, 0.05
 SURE_MM = 3.0  # offset up to which a part looks nearly the same
 HOPEFUL = 0.2  # share met at first below which it is another part, or lies elsewhere
 # distance outside an outline at which the cluster goes on where something covers it
@@ -54,43 +50,20 @@ class _Outlines:
         self.pivots_mm = pivots_mm
 
 
-def shares_met(
-    candidates: Sequence[Candidate], cluster: Cluster, library: Library, reach_mm: float
-) -> FloatArray:
-    """Return the share (n,) of each view's outline that can be matched to the observed one.
-
-    Parameters
-    ----------
-    candidates : views, each about where it may lie
-    cluster : cluster as seen
-    library : library of these views
-    reach_mm : largest distance between them, plus the uncertainty of their positions
-    """
-    slack = np.array([c.slack_mm for c in candidates])
-    views, of = np.unique([c.view for c in candidates], return_inverse=True)
-    points, normals, weights = (
-        kept[of].astype(np.float64) for kept in library.index.looks(views, SAMPLES)
-    )
-    turn = np.exp(1j * np.array([c.theta_rad for c in candidates]))[:, None]
-    places = np.array([c.place_mm for c in candidates])
-    outlines = _Outlines(
-        places[:, None] + _turned(points, turn), _turned(normals, turn), weights, places
-    )
-    loose = VIEW_MM + SLACK_SHARE * slack
-    return _met(outlines, cluster, reach_mm + 0.5 * slack, loose)[0]
-
-
 def predicted_shares(
     candidates: Sequence[Candidate], cluster: Cluster, library: Library, reach_mm: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the same shares as `shares_met`, of outlines predicted at the parts' own places.
+    """Return the shares of parts' outlines that can be matched to the observed one.
 
     If a part's position is uncertain, its outline is predicted once more at the position of the
     first fit, since a tall part looks different there.
 
     Parameters
     ----------
-    candidates, cluster, library, reach_mm : as `shares_met`
+    candidates : parts, each about where it may lie
+    cluster : cluster as seen
+    library : library of these parts
+    reach_mm : largest distance between them, plus the uncertainty of their positions
 
     Returns
     -------
@@ -125,7 +98,7 @@ def _predicted(
     for c, (x_mm, y_mm, theta_rad) in zip(candidates, poses.tolist(), strict=True):
         model, pose = library.model(c.part), library.entries[c.part].pose(c.pose)
         T = pose_on_table(model, pose, x_mm, y_mm, theta_rad)
-        edges = predict_outline(model, T, camera, PREDICTED)
+        edges = predict_outline(model, T, camera, SAMPLES)
         away = edges.points_mm - eye
         shadow = eye[:2] - away[:, :2] * (eye[2] / away[:, 2:])
         found.append((shadow, edges.normals @ camera.T_world_cam[:2, :2].T))
@@ -137,11 +110,6 @@ def _predicted(
         points[k, : len(shadow)], normals[k, : len(shadow)] = shadow, outward
         weights[k, : len(shadow)] = 1.0
     return _Outlines(points, normals, weights, poses[:, :2])
-
-
-def _turned(points: FloatArray, turn: NDArray[np.complex128]) -> FloatArray:
-    z = (points[..., 0] + 1j * points[..., 1]) * turn
-    return np.stack([z.real, z.imag], axis=-1)
 
 
 def _met(

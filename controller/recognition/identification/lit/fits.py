@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, Grey, IntArray
-from controller.imaging import Camera, inverse_pose, render_maps, transform
+from controller.imaging import Camera, inverse_pose, transform
 
 from ...fitting import (
     NEAR_PX,
@@ -31,6 +31,7 @@ from ...fitting import (
 )
 from ...library import Candidate
 from ...partial import BURIED_CELLS, CELL_PX, Depths, leaving_depths, lines_in_both
+from ..cutout import part_depth_mm
 from ..scores import FRONT, beyond_chance, probability
 
 HIDDEN_MM = 0.4  # distance by which something nearer the eye hides an edge
@@ -128,17 +129,7 @@ class LitFit:
     def depth_mm(self) -> FloatArray:
         """Depth (h, w) of the crop from the camera to the part; inf beside it."""
         cluster = self.cluster
-        out = np.full(cluster.mask.shape, np.inf)
-        x0, y0, x1, y1 = cluster.box_px
-        seen = self.fit.edges.pixels
-        low = np.maximum(np.floor(seen.min(axis=0)).astype(int) - 2, [x0, y0])
-        high = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + 3, [x1, y1])
-        if (low >= high).any():
-            return out
-        roi = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
-        maps = render_maps(self.model.caster, self.fit.T_world_part, cluster.camera, roi)
-        out[low[1] - y0 : high[1] - y0, low[0] - x0 : high[0] - x0] = maps.depth_mm
-        return out
+        return part_depth_mm(self.model, self.fit, cluster.camera, cluster.box_px)
 
     @cached_property
     def shadow(self) -> BoolArray:

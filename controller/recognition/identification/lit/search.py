@@ -27,6 +27,7 @@ from ...fitting import (
 )
 from ...library import (
     Candidate,
+    is_same_turn,
     place_of,
     pose_on_table,
     turn_of,
@@ -37,8 +38,9 @@ from ..by_edges import by_edges, edges_on_table
 from ..decide import CONVINCING, CONVINCING_PX
 from ..hypotheses import (
     SAME_PLACE_MM,
+    SAME_TURN_RAD,
     Hypothesis,
-    is_same_turn,
+    hypothesis_of,
     is_tried,
 )
 from ..lone import FAR_FRONT, silhouette_of
@@ -113,7 +115,7 @@ class ClusterSearch:
         for row in zip_longest(*by_piece):
             for piece, c in enumerate(row):
                 if c is not None and not is_tried(c, found, self._library):
-                    found.append(replace(c, silhouette=piece))
+                    found.append(replace(c, piece=piece))
         return found
 
     def _apart(self, pieces: Sequence[Region]) -> list[Region]:
@@ -143,8 +145,7 @@ class ClusterSearch:
         silhouette = silhouette_of(piece.loops_px, self._scene)
         if silhouette is None:
             return []
-        found = self._library.index.search(silhouette, far=FAR_FRONT)
-        return sorted(found, key=lambda c: -c.overlap)[:MAX_BY_OUTLINE]
+        return self._library.index.search(silhouette, far=FAR_FRONT)[:MAX_BY_OUTLINE]
 
     def like(self, piece: Region) -> list[Candidate]:
         """Return the candidates with about the outline of a piece, the most similar first.
@@ -258,24 +259,16 @@ class ClusterSearch:
         others : the other parts that are there
         area : (h, w) area of the crop, by which it is compared with other poses about one place
         """
-        c, entry = fit.candidate, self._library.entries[fit.candidate.part]
         # what lies elsewhere changes nothing, and of most places the neighbours stay what they are
         others = [other for other in others if fit.is_near(other, area)]
         key = fit, frozenset(others), hash(area.tobytes())
         if key in self._weighed:
             return self._weighed[key]
         evidence = fit.evidence(others) if others else fit.evidence_alone
-        self._weighed[key] = Hypothesis(
-            part=c.part,
-            pose=c.pose,
-            theta_rad=turn_of(entry.pose(c.pose).R, fit.T),
-            place_mm=place_of(entry, fit.T),
-            fit=fit.fit,
-            evidence=evidence,
-            probability=max(probability(evidence, FRONT), self._named.get(fit, 0.0)),
-            log_odds=log_odds(fit.evidence(others, area), is_lit=True),
-            overlap=c.overlap,
-            source="cluster",
+        own = max(probability(evidence, FRONT), self._named.get(fit, 0.0))
+        lead = log_odds(fit.evidence(others, area), is_lit=True)
+        self._weighed[key] = hypothesis_of(
+            fit.candidate, fit.fit, self._library, evidence, own, lead, "cluster"
         )
         return self._weighed[key]
 
@@ -285,7 +278,7 @@ class ClusterSearch:
         """Yield score, candidate and pose of rough fits, until others of their kind fail."""
         failed: dict[tuple[str, int], int] = {}
         for c in proposed:
-            source = c.source, c.silhouette
+            source = c.source, c.piece
             if failed.get(source, 0) == GIVE_UP:
                 continue
             fit = self._coarse(c)
@@ -378,7 +371,8 @@ class ClusterSearch:
         if np.linalg.norm(place_of(entry, T_a) - place_of(entry, T_b)) > SAME_PLACE_MM:
             return False
         R = entry.pose(a.pose).R
-        return is_same_turn(turn_of(R, T_a), turn_of(R, T_b), entry.turns_of(a.pose))
+        turns = entry.turns_of(a.pose)
+        return is_same_turn(turn_of(R, T_a), turn_of(R, T_b), turns, SAME_TURN_RAD)
 
 
 def _middle_and_reach(model: EdgeModel, T: FloatArray) -> tuple[FloatArray, float]:
