@@ -18,6 +18,8 @@ and whether its Raises section names them or a class above them that is defined 
 Returns: public functions that return a value, and whether the docstring says which: "Return" or
 "Yield" in its first line, or a section. Commands, fields checked by pydantic and names like
 `__len__` apart. A property is named like a thing: its docstring does not begin with "Return".
+Lines by kind: code, docstrings, comments, empty. Classes are equal if their fields have the same
+names, three at least.
 Underscores: modules, or names of modules, with a leading underscore that tests, benchmarks, or a
 package other than their own imports; or that a test names in a string, to replace it.
 """
@@ -48,6 +50,8 @@ MIN_PARAMETERS = 3
 # beyond which a function is listed: it may do more than one thing
 MAX_LINES = 100
 MAX_PARAMETERS = 12
+KINDS = ("code", "docstrings", "comments", "empty")
+MIN_FIELDS = 3  # fields that two classes have alike by chance
 
 PROPERTIES = {"property", "cached_property"}
 CHECKED_BY_OTHERS = {"overload", "field_validator", "model_validator", "field_serializer"}
@@ -90,13 +94,29 @@ def read_sources(root: Path, tops: Iterable[str]) -> list[Source]:
 
 
 def sizes(sources: list[Source]) -> dict[str, Any]:
-    lines: Counter[str] = Counter()
-    files: Counter[str] = Counter()
+    """Return files and lines of each folder, the lines by kind as well."""
+    found: dict[str, Counter[str]] = defaultdict(Counter)
     for source in sources:
-        top = source.module.split(".")[0]
-        lines[top] += source.text.count("\n")
-        files[top] += 1
-    return {top: {"files": files[top], "lines": lines[top]} for top in files}
+        own = found[source.module.split(".")[0]]
+        own["files"] += 1
+        own["lines"] += source.text.count("\n")
+        own.update(_kinds(source))
+    return {top: dict.fromkeys(("files", "lines", *KINDS), 0) | own for top, own in found.items()}
+
+
+def _kinds(source: Source) -> Counter[str]:
+    """Return the number of a file's lines of each kind; one with code and a comment is code."""
+    texts = source.text.splitlines()
+    kinds = ["empty" if not t.strip() else "code" for t in texts]
+    for number, text in enumerate(texts):
+        if text.lstrip().startswith("#"):
+            kinds[number] = "comments"
+    for node in ast.walk(source.tree):
+        if isinstance(node, Function | ast.ClassDef | ast.Module) and ast.get_docstring(node):
+            first = node.body[0]
+            end = first.end_lineno or first.lineno
+            kinds[first.lineno - 1 : end] = ["docstrings"] * (end - first.lineno + 1)
+    return Counter(kinds)
 
 
 def longest(sources: list[Source]) -> dict[str, Any]:
@@ -625,6 +645,28 @@ def homonyms(sources: list[Source]) -> dict[str, list[str]]:
     return {name: files for name, files in sorted(found.items()) if len(files) > 1}
 
 
+def equal_classes(sources: list[Source]) -> list[dict[str, Any]]:
+    """Return the classes of the controller whose fields have the same names."""
+    found: dict[frozenset[str], list[str]] = defaultdict(list)
+    for source in sources:
+        if source.module.split(".")[0] != "controller":
+            continue
+        for node in ast.walk(source.tree):
+            if isinstance(node, ast.ClassDef):
+                fields = frozenset(
+                    one.target.id
+                    for one in node.body
+                    if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name)
+                )
+                if len(fields) >= MIN_FIELDS:
+                    found[fields].append(f"{source.path}:{node.lineno} {node.name}")
+    return [
+        {"fields": len(fields), "classes": classes}
+        for fields, classes in sorted(found.items(), key=lambda one: (-len(one[0]), one[1]))
+        if len(classes) > 1
+    ]
+
+
 # -- all of it
 
 
@@ -647,12 +689,14 @@ def house_figures(root: Path) -> dict[str, Any]:
         "returns": returns_documented(sources),
         "underscores": underscores(sources),
         "homonyms": homonyms(sources),
+        "equal_classes": equal_classes(sources),
     }
 
 
 def print_table(figures: dict[str, Any]) -> None:
     for top, size in figures["sizes"].items():
-        print(f"{top:12} {size['files']:5} files {size['lines']:7} lines")
+        kinds = ", ".join(f"{size[kind]} {kind}" for kind in KINDS)
+        print(f"{top:12} {size['files']:5} files {size['lines']:7} lines: {kinds}")
     file, function = figures["longest"]["file"], figures["longest"]["function"]
     print(f"longest file      {file['lines']:5} lines  {file['path']}")
     print(f"longest function  {function['lines']:5} lines  {function['where']}")
@@ -694,6 +738,10 @@ def print_table(figures: dict[str, Any]) -> None:
     print(f"class names of the controller that stand in two files and more: {len(names)}")
     for name, files in names.items():
         print(f"    {name:20} {', '.join(files)}")
+    equal = figures["equal_classes"]
+    print(f"classes of the controller with the same {MIN_FIELDS} fields and more: {len(equal)}")
+    for one in equal:
+        print(f"    {one['fields']:3} fields  {', '.join(one['classes'])}")
 
 
 def main() -> int:

@@ -12,7 +12,8 @@ from controller.cell.custody import Custody
 from controller.cell.devices import Devices
 from controller.cell.devices.interlocks import check_interlocks
 from controller.cell.journal import Body
-from controller.cell.services import Gate, Imaging, Interlocks, Motion, Mover, NextMotion
+from controller.cell.journal.rows import FirstMotion
+from controller.cell.services import Gate, Imaging, Interlocks, Motion, Mover
 from controller.config import Cell
 from controller.config.calibration_reference import CalibrationName
 from controller.planning import JointPath, NoMotionError
@@ -155,8 +156,8 @@ class Bench:
         is_arm : the arm moves, not jaws alone
         """
 
-        async def preview() -> NextMotion:
-            return NextMotion(what)
+        async def preview() -> FirstMotion:
+            return FirstMotion(words=what)
 
         return self.gate.moving(preview, Mover.ARM if is_arm else Mover.ARM_JAWS)
 

@@ -27,9 +27,9 @@ from controller.cell.control import (
 from controller.cell.control.serving import Control, Door, document, handle_for
 from controller.cell.custody import Custody
 from controller.cell.devices.lock import Holder, hold_cell
+from controller.cell.journal.rows import FirstMotion
 from controller.cell.machine import Event, MachineDecision, PauseKind, SafePoint
 from controller.cell.operator import Choice, Desk, Question
-from controller.cell.services import NextMotion
 from controller.config import load_cell
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,7 +41,7 @@ QUESTION = Question(
     (Choice("look", "look again"), Choice("ack", "go on")),
     (("look", "the arm, 3 mm"),),
 )
-NEXT = NextMotion("the arm to the camera", tcp_mm=12.5, turn_deg=3.0, seconds=1.5)
+NEXT = FirstMotion(words="the arm to the camera", tcp_mm=12.5, turn_deg=3.0, seconds=1.5)
 STATUS = CellStatus(
     at_s=12.3456,
     state="execute_grasping",

@@ -17,9 +17,10 @@ from controller.cell.custody import Custody
 from controller.cell.devices.interlocks import BUILT_IN_RULES, Truth, Violation
 from controller.cell.errors import InterlockError, NoPermitError, PartFaultError
 from controller.cell.journal import Journal, read_rows
+from controller.cell.journal.rows import FirstMotion
 from controller.cell.machine import Effect, Event, PartFault, PauseKind, SafePoint
 from controller.cell.operator import Answer, Desk, Journaled
-from controller.cell.services import Approval, Gate, Motion, NextMotion, Permits, Standstill
+from controller.cell.services import Approval, Gate, Motion, Permits, Standstill
 from controller.cell.services.gate import JAWS_S, STOP_RAMP_S, Mover
 from controller.cell.services.motion import homing_preview
 from controller.cell.services.records import BatchRecord, RunProgress
@@ -286,8 +287,8 @@ async def test_a_pause_may_become_more_urgent_and_never_less(bench: Bench) -> No
 async def test_jaws_finish_what_they_have_begun_before_a_pause_begins(bench: Bench) -> None:
     closed = asyncio.Event()
 
-    async def preview() -> NextMotion:
-        return NextMotion("jaws close")
+    async def preview() -> FirstMotion:
+        return FirstMotion(words="jaws close")
 
     async def close() -> Event:
         async with bench.gate.moving(preview, Mover.ARM_JAWS):

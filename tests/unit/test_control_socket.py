@@ -42,9 +42,9 @@ from controller.cell.control.serving import (
 from controller.cell.control.serving import server as server_module
 from controller.cell.custody import Custody
 from controller.cell.devices.lock import LOCK_NAME, Holder, hold_cell, read_holder
+from controller.cell.journal.rows import FirstMotion
 from controller.cell.machine import Event, MachineDecision
 from controller.cell.operator import Answer, Choice, Desk, Question
-from controller.cell.services import NextMotion
 from controller.config import load_cell
 from messages.form import SAID, from_said
 
@@ -149,13 +149,16 @@ HERE, THERE = (0.5, -0.25, 0.5, -100.0, -1.0, 0.25), (0.25, 0.5, 0.25, -300.0, -
 @pytest.mark.parametrize(
     ("first", "waypoints"),
     [
-        (NextMotion("the arm", HERE, THERE, 3.0), [list(HERE), list(THERE)]),
-        (NextMotion("the jaws close"), []),
-        (NextMotion("the arm homes"), []),
+        (
+            FirstMotion(words="the arm", origin=HERE, goal=THERE, tcp_mm=3.0),
+            [list(HERE), list(THERE)],
+        ),
+        (FirstMotion(words="the jaws close"), []),
+        (FirstMotion(words="the arm homes"), []),
     ],
 )
 async def test_what_moves_first_has_the_joints_where_it_begins_and_ends(
-    first: NextMotion, waypoints: list[list[float]]
+    first: FirstMotion, waypoints: list[list[float]]
 ) -> None:
     dispatcher = Dispatching()
     dispatcher.status = standing(first)  # type: ignore[method-assign]
@@ -165,7 +168,7 @@ async def test_what_moves_first_has_the_joints_where_it_begins_and_ends(
     assert reply["first_motion"]["waypoints"] == waypoints
 
 
-def standing(first: NextMotion) -> Callable[[], Awaitable[CellStatus]]:
+def standing(first: FirstMotion) -> Callable[[], Awaitable[CellStatus]]:
     """Return what reads the status of a cell that is paused before a motion."""
 
     async def status() -> CellStatus:
@@ -367,7 +370,7 @@ async def test_somebody_who_sends_nothing_is_sent_away(
 async def test_idle_connections_keep_no_status_and_no_stop_out(place: Path, begun: bytes) -> None:
     dispatcher = Dispatching()
     control = control_of(dispatcher)
-    dispatcher.status = standing(NextMotion("the jaws close"))  # type: ignore[method-assign]
+    dispatcher.status = standing(FirstMotion(words="the jaws close"))  # type: ignore[method-assign]
     async with serving(place, handle_for(control)):
         held = []
         for _ in range(3 * MAX_CONNECTION_COUNT):

@@ -288,3 +288,23 @@ def test_arrays_have_their_names_in_one_place() -> None:
     }
     assert {name for _, name in named} >= {"FloatArray", "IntArray", "BoolArray"}
     assert {module for module, _ in named} == {"controller.arrays"}
+
+
+def test_lines_are_counted_by_kind(checkout: Path) -> None:
+    text = '"""Two lines\nof words."""\n\n# why\nx = 1  # what\n'
+    (checkout / "messages").mkdir()
+    (checkout / "messages" / "__init__.py").write_text(text, encoding="utf-8")
+    size = house.sizes(sources_of(checkout))["messages"]
+    counted = {kind: size[kind] for kind in house.KINDS}
+    assert counted == {"code": 1, "docstrings": 2, "comments": 1, "empty": 1}
+    assert sum(counted.values()) == size["lines"]
+
+
+def test_classes_with_the_same_fields_are_listed(checkout: Path) -> None:
+    fields = "    a: int\n    b: float = 2.0\n    c: str = ''\n"
+    for name, body in (("One", fields), ("Other", fields), ("Less", "    a: int\n    b: int\n")):
+        file = checkout / "controller" / f"{name.lower()}.py"
+        file.write_text(f"class {name}:\n{body}", encoding="utf-8")
+    (equal,) = house.equal_classes(sources_of(checkout))
+    assert equal["fields"] == 3
+    assert [where.split()[-1] for where in equal["classes"]] == ["One", "Other"]

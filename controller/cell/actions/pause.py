@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 from controller.cell.devices.interlocks import check_interlocks
 from controller.cell.devices.stopping import Stopping
-from controller.cell.journal.rows import FirstMotion
 from controller.cell.machine import Event, PauseKind
 from drivers.kinds import IoBlock, Stop
 
@@ -95,16 +94,7 @@ class UnsuspendAction:
         await self.standstill.prove()
         first = await self.standstill.next_motion()
         if first is not None:
-            self.record.note(
-                FirstMotion(
-                    words=first.words,
-                    origin=first.origin,
-                    goal=first.goal,
-                    tcp_mm=first.tcp_mm,
-                    turn_deg=first.turn_deg,
-                    seconds=first.seconds,
-                )
-            )
+            self.record.note(first)
         if self.standstill.looks_again:
             self.standstill.forget()
             return Event.LOOK_AGAIN

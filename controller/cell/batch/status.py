@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from controller.cell.journal.rows import FirstMotion
+
 from ..custody import Custody
 from ..machine import PauseKind, SafePoint
-from ..services import NextMotion
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,7 @@ class CellStatus:
     point: SafePoint | None
     wanted: PauseKind | None
     pause_s: Mapping[PauseKind, float | None]
-    first: NextMotion | None
+    first: FirstMotion | None
     barred: str = ""
     signals: Mapping[str, bool | None] = field(default_factory=dict)
     recipe: str = ""

@@ -6,7 +6,7 @@ on the next step; actions and the table do.
 
 from .codes import Codes
 from .faults import Recoveries, Retries, fault_policy, faults_section
-from .gate import Approval, Gate, Mover, NextMotion, Permit, Permits
+from .gate import Approval, Gate, Mover, Permit, Permits
 from .going_on import Resumption, Standstill, hold_of, park_interrupted, verdict_of
 from .grippers import Grippers
 from .imaging import CameraName, Imaging
@@ -41,7 +41,6 @@ __all__ = [
     "Leases",
     "Motion",
     "Mover",
-    "NextMotion",
     "PartFileWriter",
     "Permit",
     "Permits",

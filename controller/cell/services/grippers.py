@@ -12,7 +12,7 @@ from controller.cell.custody import Custody
 from controller.cell.custody.openings import Opening, judge_fixed
 from controller.cell.custody.release_guard import NOTHING_MM, ReleaseGuard, least_held_mm
 from controller.cell.errors import PartFaultError, PartProblemError
-from controller.cell.journal.rows import HoldPressed, Intent, Once
+from controller.cell.journal.rows import FirstMotion, HoldPressed, Intent, Once
 from controller.cell.machine import GRASP, PartFault
 from controller.config.recipe import GraspSection
 from controller.planning import JointPath
@@ -21,7 +21,7 @@ from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock, Signal
 from messages import joined, key, say
 
 from .faults import Retries
-from .gate import Gate, Mover, NextMotion
+from .gate import Gate, Mover
 from .interlocks import Interlocks
 from .motion import rounded
 from .records import BatchRecord
@@ -444,8 +444,8 @@ class Grippers:
 
     @asynccontextmanager
     async def _at_the_gate(self, mover: Mover, words: str) -> AsyncIterator[None]:
-        async def preview() -> NextMotion:
-            return NextMotion(words)
+        async def preview() -> FirstMotion:
+            return FirstMotion(words=words)
 
         async with self._gate.moving(preview, mover):
             self._interlocks.admit_jaws()

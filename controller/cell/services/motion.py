@@ -17,6 +17,7 @@ from controller.cell.errors import InterlockError
 from controller.cell.journal import Body
 from controller.cell.journal.rows import (
     EffectClass,
+    FirstMotion,
     HomedWithPart,
     HomingBegun,
     Joints,
@@ -35,7 +36,7 @@ from drivers.errors import ArmStalledError, MotionStoppedError
 from drivers.kinds import Arm
 from messages import key, say
 
-from .gate import Gate, Mover, NextMotion
+from .gate import Gate, Mover
 from .interlocks import Interlocks
 
 # A part that met the tray this far above its place has slipped in the jaws; one that met something
@@ -101,7 +102,7 @@ class Motion:
             return key("homing the arm; it sweeps its whole workspace")
         return key("getting the arm ready; it opens and closes its jaws, then it parks")
 
-    async def homing_preview(self) -> NextMotion:
+    async def homing_preview(self) -> FirstMotion:
         """Return the first motion of homing."""
         return await (homing_preview if self.sweeps_to_home else jaws_preview)()
 
@@ -336,15 +337,15 @@ class Motion:
         seconds = move_seconds(self._layout, np.stack([*origin, *path])) if path else 0.0
         self._gate.begin_path(WORST_SHARE * seconds + WORST_MORE_S)
 
-    async def _preview(self, goal: FloatArray) -> NextMotion:
+    async def _preview(self, goal: FloatArray) -> FirstMotion:
         origin = await self._arm.read_q()
         T_goal, T_origin = tcp_pose(self._layout, goal), tcp_pose(self._layout, origin)
         tcp_mm = float(np.linalg.norm(T_goal[:3, 3] - T_origin[:3, 3]))
         turn_deg = float(np.degrees(rotation_angle(T_origin[:3, :3].T @ T_goal[:3, :3])))
         seconds = float(segment_seconds(self._layout, origin, goal))
         x, y, z = T_goal[:3, 3]
-        return NextMotion(
-            say(
+        return FirstMotion(
+            words=say(
                 "the arm moves its TCP by {tcp_mm:.0f} mm, to x {x:.0f} y {y:.0f} "
                 "z {z:.0f} mm, and turns it by {turn_deg:.0f} degrees, in about "
                 "{seconds:.1f} s",
@@ -355,11 +356,11 @@ class Motion:
                 turn_deg=turn_deg,
                 seconds=seconds,
             ),
-            tuple(round(float(v), 4) for v in origin),
-            tuple(round(float(v), 4) for v in goal),
-            round(tcp_mm, 1),
-            round(turn_deg, 1),
-            round(seconds, 2),
+            origin=tuple(round(float(v), 4) for v in origin),
+            goal=tuple(round(float(v), 4) for v in goal),
+            tcp_mm=round(tcp_mm, 1),
+            turn_deg=round(turn_deg, 1),
+            seconds=round(seconds, 2),
         )
 
 
@@ -374,21 +375,21 @@ def sweeps_to_home(layout: CellLayout) -> bool:
     return any(bool((phase.high > phase.low).any()) for phase in phases)
 
 
-async def homing_preview() -> NextMotion:
+async def homing_preview() -> FirstMotion:
     """Return the first motion of an arm that sweeps to home."""
-    return NextMotion(key("the arm homes: it sweeps its whole reach and moves its jaws"))
+    return FirstMotion(words=key("the arm homes: it sweeps its whole reach and moves its jaws"))
 
 
-async def jaws_preview() -> NextMotion:
+async def jaws_preview() -> FirstMotion:
     """Return the first motion of an arm whose encoders are absolute."""
-    return NextMotion(
-        key("the arm opens and closes its jaws where it stands, then it goes to park")
+    return FirstMotion(
+        words=key("the arm opens and closes its jaws where it stands, then it goes to park")
     )
 
 
-async def _homing_with_part() -> NextMotion:
-    return NextMotion(
-        key(
+async def _homing_with_part() -> FirstMotion:
+    return FirstMotion(
+        words=key(
             "the arm gripper presses, then the arm homes slowly without opening it: zed goes "
             "up first"
         )

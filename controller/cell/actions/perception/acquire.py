@@ -8,9 +8,9 @@ from controller.arrays import Grey
 from controller.cell.custody import TrayRecord
 from controller.cell.devices.lamps import TABLE_LAMPS, TABLE_PANEL
 from controller.cell.errors import CellError, PartProblemError
-from controller.cell.journal.rows import TablePictures
+from controller.cell.journal.rows import FirstMotion, TablePictures
 from controller.cell.machine import Event
-from controller.cell.services import Gate, Imaging, NextMotion
+from controller.cell.services import Gate, Imaging
 from controller.cell.services.records import BatchRecord
 from controller.cell.services.table import Labels
 from messages import joined, key, say, say_counted
@@ -77,8 +77,8 @@ class AcquireAction:
         await self.labels.read(part)
 
 
-async def _look() -> NextMotion:
-    return NextMotion(key("nothing moves yet: the cell takes pictures of the table"))
+async def _look() -> FirstMotion:
+    return FirstMotion(words=key("nothing moves yet: the cell takes pictures of the table"))
 
 
 def require_room(trays: TrayRecord) -> None:

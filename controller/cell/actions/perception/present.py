@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from controller.cell.devices.lamps import STATION_LAMPS, STATION_PANEL
+from controller.cell.journal.rows import FirstMotion
 from controller.cell.machine import VIEW, Event, SafePoint
 from controller.cell.services import (
     Codes,
@@ -11,7 +12,6 @@ from controller.cell.services import (
     Grippers,
     Imaging,
     Motion,
-    NextMotion,
     PlanSteps,
     Views,
 )
@@ -104,8 +104,8 @@ class PresentAction:
         return view
 
 
-async def _look() -> NextMotion:
-    return NextMotion(key("nothing moves yet: the cell takes the pictures of this view"))
+async def _look() -> FirstMotion:
+    return FirstMotion(words=key("nothing moves yet: the cell takes the pictures of this view"))
 
 
 def lamps_for(step: Present) -> tuple[str, ...]:

@@ -12,9 +12,9 @@ from pydantic import BaseModel
 from controller.cell.batch import CellStatus, Dispatcher
 from controller.cell.custody import Custody
 from controller.cell.devices.lock import Holder
+from controller.cell.journal.rows import FirstMotion
 from controller.cell.machine import PAUSE_EVENTS, Event, MachineDecision, PauseKind
 from controller.cell.operator import Answer, Desk
-from controller.cell.services import NextMotion
 from messages import say
 
 from .. import words
@@ -238,7 +238,7 @@ def _because(body: words.Order) -> str:
     return say(": {why}", why=body.why) if body.why else ""
 
 
-def _motion(first: NextMotion | None) -> words.MotionReply | None:
+def _motion(first: FirstMotion | None) -> words.MotionReply | None:
     if first is None:
         return None
     return words.MotionReply(

@@ -11,7 +11,10 @@ from ._body import Body, Fields, Matrix
 
 
 class FirstMotion(Body):
-    """The first motion after a pause, as shown: joints [rad, mm] or openings [mm]."""
+    """The first motion after a pause, as shown: joints [rad, mm] or openings [mm], rounded.
+
+    `tcp_mm` and `turn_deg` are the TCP's way, `seconds` the forecast [cell s].
+    """
 
     kind = "decision"
     row_name = "first_motion"

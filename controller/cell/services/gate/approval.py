@@ -4,10 +4,9 @@ import asyncio
 from typing import Final
 
 from controller.cell.errors import NoPermitError
+from controller.cell.journal.rows import FirstMotion
 from controller.cell.operator import Choice, Operator, Question
 from messages import key, say
-
-from .gate import NextMotion
 
 GO: Final = "go"
 NEXT_MOTION: Final = "next_motion"
@@ -25,7 +24,7 @@ class Approval:
         self._operator = operator
         self._one_question = asyncio.Lock()
 
-    async def __call__(self, motion: NextMotion) -> None:
+    async def __call__(self, motion: FirstMotion) -> None:
         """Return once a person has approved a motion.
 
         Raises

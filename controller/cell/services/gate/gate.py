@@ -11,11 +11,11 @@ from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
 from controller.cell.errors import InterlockError
+from controller.cell.journal.rows import FirstMotion
 from controller.cell.machine import PauseKind, SafePoint
 from drivers.clock import CellClock
 
@@ -27,26 +27,6 @@ STOP_RAMP_S: Final = 2.0
 JAWS_S: Final = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class NextMotion:
-    """The first motion after a pause.
-
-    Attributes
-    ----------
-    words : description of the motion, for people
-    origin, goal : (k,) joints or opening where it begins and ends, rounded, for the record
-    tcp_mm, turn_deg : distance of the TCP, and angle
-    seconds : forecast [cell s]
-    """
-
-    words: str
-    origin: tuple[float, ...] = ()
-    goal: tuple[float, ...] = ()
-    tcp_mm: float = 0.0
-    turn_deg: float = 0.0
-    seconds: float = 0.0
-
-
 class Mover(Enum):
     """A mover behind the gate."""
 
@@ -55,9 +35,9 @@ class Mover(Enum):
     FIXED_JAWS = "jaws of the fixed gripper"
 
 
-Preview = Callable[[], Awaitable[NextMotion]]
+Preview = Callable[[], Awaitable[FirstMotion]]
 # returns once a motion may begin, as far as people are concerned
-Approve = Callable[[NextMotion], Awaitable[None]]
+Approve = Callable[[FirstMotion], Awaitable[None]]
 # reports an open door, and returns whether there is one
 Guard = Callable[[], bool]
 
@@ -275,7 +255,7 @@ class Gate:
         finally:
             self._is_check.reset(token)
 
-    async def next_motion(self) -> NextMotion | None:
+    async def next_motion(self) -> FirstMotion | None:
         """Return the first motion after the gate opens; None while it is still being computed."""
         return await self._waiting[0]() if self._waiting else None
 

@@ -11,7 +11,7 @@ from controller.arrays import FloatArray
 from controller.cell.custody import Custody
 from controller.cell.custody.release_guard import LOST_MM
 from controller.cell.errors import NotProvenError
-from controller.cell.journal.rows import StoodStill
+from controller.cell.journal.rows import FirstMotion, StoodStill
 from controller.cell.machine import is_held_otherwise
 from controller.imaging import rotation_angle
 from controller.planning.model import CellLayout
@@ -19,13 +19,13 @@ from controller.planning.motion import tcp_pose
 from drivers.errors import PositionLostError
 from messages import joined, key, say
 
-from ..gate import Gate, NextMotion
+from ..gate import Gate
 from ..grippers import Grippers
 from ..motion import Motion, rounded
 from ..records import BatchRecord
 
-_LOOK = NextMotion(
-    key(
+_LOOK = FirstMotion(
+    words=key(
         "the arm goes back along its own path and parks, unless it is parked already; then the "
         "cell takes pictures"
     )
@@ -97,7 +97,7 @@ class Standstill:
         is_free = self._record.part.custody in (Custody.NONE, Custody.ON_TABLE, Custody.LOST)
         return self._has_looked and is_free and not self._record.is_once_open
 
-    async def next_motion(self) -> NextMotion | None:
+    async def next_motion(self) -> FirstMotion | None:
         """Return the first motion after the pause; None while it is still being computed."""
         return _LOOK if self.looks_again else await self._gate.next_motion()
 
