@@ -296,7 +296,7 @@ class StandIns(Compute):
         backlit: Grey,
         lit: Mapping[str, Grey],
         is_hold_measured: bool,
-        codes_mm: tuple[Array, ...] = (),
+        facts: inspecting.PartFacts = inspecting.NO_FACTS,
     ) -> Located:
         """Return the part's place in the picture, if it is near the expected one."""
         await self._take("locate")
@@ -319,7 +319,7 @@ class StandIns(Compute):
         backlit: Grey,
         lit: Mapping[str, Grey],
         is_hold_measured: bool,
-        codes_mm: tuple[Array, ...] = (),
+        facts: inspecting.PartFacts = inspecting.NO_FACTS,
     ) -> inspecting.ViewResult:
         """Return the view of the part at its true place in the gripper."""
         await self._take("inspect")
@@ -345,7 +345,7 @@ class StandIns(Compute):
         T_world_part: Array,
         backlit: Grey,
         lit: Mapping[str, Grey],
-        codes_mm: tuple[Array, ...] = (),
+        facts: inspecting.PartFacts = inspecting.NO_FACTS,
     ) -> inspecting.ViewResult:
         """Return the table camera's view of the part at its true place."""
         await self._take("inspect")

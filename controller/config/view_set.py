@@ -98,9 +98,20 @@ def _camera_matrix(rows: Rows) -> Rows:
     return rows
 
 
+def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return a direction; raise ValueError if it is not of length 1."""
+    off = abs(float(np.linalg.norm(vector)) - 1.0)
+    if off > SQUARE:
+        raise ValueError(f"must be a direction of length 1, this is off by {off:.2g}")
+    return vector
+
+
 PoseRows = Annotated[Rows, _matrix(4, 4), AfterValidator(_rigid)]
 CodeRows = Annotated[Rows, _matrix(4, 3), AfterValidator(_square)]
 Name = Annotated[str, Field(min_length=1, max_length=80)]
+Number = Annotated[float, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
+Point = tuple[Number, Number, Number]
+Direction = Annotated[Point, AfterValidator(_unit)]
 HalfEdge = Annotated[float, Field(gt=0, le=5000)]
 
 
@@ -157,6 +168,23 @@ class SetBox(Section):
     half_mm: tuple[HalfEdge, HalfEdge, HalfEdge]
 
 
+class SetTurn(Section):
+    """An axis about which the part's turn is a guess, in the CAD frame.
+
+    Attributes
+    ----------
+    axis : unit vector along it
+    through_mm : a point on it
+    same_deg : turns about it that leave the part as it is, 0 among them
+    is_shown : a view has shown the turn, roughly
+    """
+
+    axis: Direction
+    through_mm: Point
+    same_deg: Annotated[tuple[float, ...], Field(min_length=1)] = (0.0,)
+    is_shown: bool = False
+
+
 class SetView(Section):
     """One view.
 
@@ -172,6 +200,7 @@ class SetView(Section):
     is_hold_measured : the expected pose was measured in an earlier view
     planned : samples of the surface that the view was to show, as `packed` writes them
     only_planned : no other sample counts
+    free_turn : axis about which the turn of the expected pose is a guess (default: none)
     """
 
     id: Name
@@ -185,6 +214,7 @@ class SetView(Section):
     is_hold_measured: bool = False
     planned: str | None = None
     only_planned: bool = False
+    free_turn: SetTurn | None = None
 
 
 class SetCalibration(Section):

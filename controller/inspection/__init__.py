@@ -10,11 +10,13 @@ from ._part_types import PartFinding, PartInspection, PartSettings, ViewOff, Vie
 from ._pose import PosedPart
 from ._scene import ViewScene, before_part, box_mesh, make_scene
 from ._types import (
+    NO_FACTS,
     OUTLINE,
     Check,
     Finding,
     FindingKind,
     InspectionLimits,
+    PartFacts,
     PicturedView,
     Unjudged,
     Verdict,
@@ -38,6 +40,7 @@ __all__ = [
     "MEASURED_HOLD",
     "MIN_FACE_SHARE",
     "MIN_PARTS",
+    "NO_FACTS",
     "OUTLINE",
     "PLANNED_HOLD",
     "Appearance",
@@ -54,6 +57,7 @@ __all__ = [
     "LearnedView",
     "Lesson",
     "NotEvaluated",
+    "PartFacts",
     "PartFinding",
     "PartInspection",
     "PartSettings",

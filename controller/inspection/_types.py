@@ -3,12 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, Float32Array, FloatArray, Grey, Int32Array
 from controller.imaging import Camera, PointLamp
+from controller.recognition.fitting import FreeTurn
 from messages import key, say
 
 from .limits import PLANNED_HOLD
@@ -130,6 +132,23 @@ class WorldBox:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class PartFacts:
+    """Facts on one part that its CAD model does not have, at the time of a view.
+
+    Attributes
+    ----------
+    codes_mm : corners (4, 3) of codes on the part, in turn, CAD frame; nothing is compared there
+    free_turn : axis about which the turn of the expected pose is a guess; None as a rule
+    """
+
+    codes_mm: tuple[FloatArray, ...] = ()
+    free_turn: FreeTurn | None = None
+
+
+NO_FACTS: Final = PartFacts()
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class ViewTask:
     """One view to judge.
 
@@ -144,7 +163,7 @@ class ViewTask:
     limits : tolerances
     is_hold_measured : True if the expected pose was measured in an earlier view under this grasp,
         to a fraction of a millimetre; otherwise it is the planned pose
-    codes_mm : corners (4, 3) of codes on the part, in turn, CAD frame; nothing is compared there
+    facts : known of this part besides its CAD model
     """
 
     view_id: str
@@ -155,7 +174,7 @@ class ViewTask:
     lamps: tuple[PointLamp, ...]
     limits: InspectionLimits
     is_hold_measured: bool = False
-    codes_mm: tuple[FloatArray, ...] = ()
+    facts: PartFacts = NO_FACTS
 
 
 @dataclass(frozen=True, eq=False, slots=True)

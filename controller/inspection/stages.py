@@ -8,7 +8,7 @@ Each is worked out once for its arguments (`kept.py`), whether in advance or for
 81). What a stage does stands in `view.py`, `grasp_pose/`, `dimensions/` and `edge_evidence/`.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from controller.cad import SurfaceSamples
@@ -35,6 +35,7 @@ from .grasp_pose import (
     find_rival,
     fit_grasp,
     is_suspect,
+    settle_turn,
 )
 from .integrity import Allowances, allowed_mm
 from .kept import Kept, stage, stage_of
@@ -42,6 +43,7 @@ from .lit import Finish, Polish, finish_of
 from .view import NotEvaluated, Strictness, compare_view, outline_view
 
 outlined_view = stage_of(outline_view)
+turned_views = stage_of(settle_turn)
 grasp_pose = stage_of(fit_grasp)  # of all views of the grasp that have an outline
 compared_view = stage_of(compare_view)  # large, and forgotten once there is a result
 dimensions_sought = stage_of(seek_all)
@@ -195,7 +197,10 @@ class PosedViews:
         posed = []
         for one, lamps in zip(self.outlined, passed, strict=True):
             pose = self.pose(one.view.task.view_id)
-            if pose is not None and lamps != () and isinstance(one, OutlinedView):
+            if pose is None or lamps == () or not isinstance(one, OutlinedView):
+                continue
+            free = one.task.facts.free_turn
+            if free is None or free.is_shown:
                 posed.append(posed_view(kept, one, pose, lamps))
         return tuple(posed)
 
@@ -230,11 +235,32 @@ def pose_views(views: ViewSet, settings: PoseSettings, kept: Kept | None = None)
     """
     kept = kept or Kept()
     outlined = tuple(outlined_view(kept, view) for view in views.views)
+    grasps = by_grasp(outlined)
+    settled: dict[str, OutlinedView] = {}
+    for one_guess in _by_guess(grasps.values()):
+        for mine in turned_views(kept, views.part, one_guess, settings):
+            settled |= {view.task.view_id: view for view in mine}
+    turned = tuple(settled.get(one.view.task.view_id, one) for one in outlined)
     fits = {
         grasp: grasp_pose(kept, views.part, mine, settings)
-        for grasp, mine in by_grasp(outlined).items()
+        for grasp, mine in by_grasp(turned).items()
     }
-    return PosedViews(outlined, fits)
+    return PosedViews(turned, fits)
+
+
+def _by_guess(
+    grasps: Iterable[tuple[OutlinedView, ...]],
+) -> Iterator[tuple[tuple[OutlinedView, ...], ...]]:
+    """Yield the grasps in which the part's turn is the same guess; each alone where it is known."""
+    guesses: dict[tuple[object, ...], tuple[tuple[OutlinedView, ...], ...]] = {}
+    for mine in grasps:
+        free = mine[0].task.facts.free_turn
+        if free is None:
+            yield (mine,)
+        else:
+            same = free.is_shown, free.axis.tobytes(), free.through_mm.tobytes()
+            guesses[same] = (*guesses.get(same, ()), mine)
+    yield from guesses.values()
 
 
 def compare_views(

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import SurfaceSamples
 from controller.imaging import mask_contour, render_maps, threshold_levels, transform, view_roi
 from messages import key, say
@@ -45,6 +45,7 @@ from .grasp_pose import (
     ViewPose,
     backlit_outline,
     fit_grasp,
+    settle_turn,
 )
 from .integrity import Allowances, OutlineResult, compare_outline
 from .limits import MEASURED_HOLD, PLANNED_HOLD, POSE_SPREADS
@@ -74,10 +75,13 @@ class NotEvaluated:
     ----------
     view : with its pictures
     reason : why they do not
+    T_world_part : (4, 4) pose of the part by its outline alone, where its turn about an axis is not
+        known; None otherwise
     """
 
     view: PicturedView
     reason: str
+    T_world_part: FloatArray | None = None
 
     def result(self, samples: SurfaceSamples) -> ViewResult:
         """Return the result of the view: nothing found, nothing compared.
@@ -190,6 +194,9 @@ def locate_view(
     if isinstance(outlined, NotEvaluated):
         return outlined
     strictness = Strictness()
+    free = task.facts.free_turn
+    if free is not None and not free.is_shown:
+        ((outlined,),) = settle_turn(part, ((outlined,),), strictness.pose)
     grasp = fit_grasp(part, [outlined], strictness.pose)
     if task.is_hold_measured and not _is_near(grasp):
         # the view that measured the hold may have known it badly
@@ -369,6 +376,9 @@ def check_view(
     fit = None if pose is None else _as_fit(part, outlined, pose)
     if pose is None or fit is None:
         return NotEvaluated(view, key("no outline of the part where it should be"))
+    if task.facts.free_turn is not None and not task.facts.free_turn.is_shown:
+        reason = key("nothing in it shows how far the part is turned about its axis")
+        return NotEvaluated(view, reason, pose.T_world_part_measured)
     refusal = _pose_refusal(fit, *moved(part, task, fit), limits)
     if not refusal and pose.is_hidden:
         refusal = _open_refusal(part, task, fit)

@@ -3,6 +3,7 @@
 Arrays in, dataclasses out (references.md P3.0).
 """
 
+from .fitting import FreeTurn
 from .identification.hypotheses import Hypothesis
 from .identification.recognise import recognise
 from .identification.sighting import Alternative, Recognition, Sighting, Trace
@@ -10,6 +11,7 @@ from .library import Library, LibraryPart, make_library, pose_on_table
 
 __all__ = [
     "Alternative",
+    "FreeTurn",
     "Hypothesis",
     "Library",
     "LibraryPart",

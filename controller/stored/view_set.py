@@ -10,11 +10,12 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad.compiled import CompiledPart
 from controller.config import ConfigError
-from controller.config.view_set import PoseRows, SetCamera, SetView, ViewSetFile, unpacked
+from controller.config.view_set import PoseRows, SetCamera, SetTurn, SetView, ViewSetFile, unpacked
 from controller.imaging import Camera, inverse_pose, rotation_angle, transform
 from controller.inspection import (
     InspectionLimits,
     Kept,
+    PartFacts,
     PicturedView,
     PosedPart,
     Same,
@@ -23,6 +24,7 @@ from controller.inspection import (
     ViewTask,
     WorldBox,
 )
+from controller.recognition import FreeTurn
 from controller.setup.optics import build_light, light_corners
 
 # The expected pose of the part and the boxes of the gripper come from the same joints, so that
@@ -220,7 +222,19 @@ def _task(file: ViewSetFile, view: SetView, camera: Camera, limits: InspectionLi
         ),
         limits=limits,
         is_hold_measured=view.is_hold_measured,
-        codes_mm=tuple(np.array(corners) for corners in file.codes_mm or ()),
+        facts=PartFacts(
+            tuple(np.array(corners) for corners in file.codes_mm or ()),
+            None if view.free_turn is None else _free_turn(view.free_turn),
+        ),
+    )
+
+
+def _free_turn(turn: SetTurn) -> FreeTurn:
+    return FreeTurn(
+        np.array(turn.axis),
+        np.array(turn.through_mm),
+        np.radians(turn.same_deg),
+        turn.is_shown,
     )
 
 

@@ -26,6 +26,7 @@ from controller.imaging import inverse_pose
 from controller.inspection import ViewResult, ViewTask
 from controller.planning import shown_pose
 from controller.planning.motion import tcp_pose
+from controller.recognition import FreeTurn
 from controller.setup.holder import holder_boxes
 from controller.setup.layout import build_layout
 from controller.stored import (
@@ -164,6 +165,41 @@ def test_views_in_the_file_are_the_views_that_were_judged(
     assert views[0].counted is not None
     assert np.array_equal(views[0].counted, seen)
     assert views[1].counted is None
+
+
+def test_views_before_a_turn_was_shown_are_restated_by_the_hold_that_showed_it(
+    tmp_path: Path,
+) -> None:
+    cell, recipe = load_cell(EMULATED_CELL), load_recipe(RECIPE)
+    layout = build_layout(cell)
+    free = FreeTurn(np.array([0.0, 0.0, 1.0]), np.array([2.0, 1.0, 0.0]), np.array([0.0, np.pi]))
+    guess = np.eye(4)
+    guess[:3, 3] = 3.1, -2.7, 11.3
+    hold = PartInGripper(SimpleNamespace(), guess, 31.7, is_measured=True)  # type: ignore[arg-type]  # no grasp is read
+    before = replace(shown_with(hold, layout, "V1", Q), free_turn=free)
+    alone = shown_with(PartInGripper(hold.grasp, guess, 31.7), layout, "W1", Q)
+    # a view shows the turn: the hold is another one from now on
+    hold.T_part_tcp = inverse_pose(free.by(2.0)) @ guess
+    after = replace(
+        shown_with(hold, layout, "V2", Q + 0.01), free_turn=replace(free, is_shown=True)
+    )
+    shown = [before, after, replace(alone, free_turn=free)]
+    files = {one.view: {"station_backlight": "a.png", "station_ring": "b.png"} for one in shown}
+    part = PartRecord(number=1, pending=shown, files=files)
+    product = product_of(Compute(JOB, None), recipe, cell)  # type: ignore[arg-type]  # not asked
+    PartFileWriter(cell, layout, tmp_path).write(part, product)
+    first, second, other = load_view_set(tmp_path / "part001.views.json").views
+    expected = shown_pose(layout, Q, hold.T_part_tcp)
+    np.testing.assert_allclose(first.T_world_part, expected, atol=1e-9)
+    assert first.grasp == second.grasp
+    assert first.free_turn is not None
+    assert first.free_turn == second.free_turn
+    assert first.free_turn.is_shown
+    assert first.free_turn.same_deg == pytest.approx((0.0, 180.0))
+    # of another hold nothing has been learned
+    np.testing.assert_allclose(other.T_world_part, alone.expected, atol=1e-9)
+    assert other.free_turn is not None
+    assert not other.free_turn.is_shown
 
 
 def test_what_a_part_comes_to_can_leave_the_worker_process(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from shown_part import CAMERA, hand, part, perfect, photograph, samples, shown, 
 from benchmarks.printed_codes import modules
 from controller.imaging import transform
 from controller.imaging.codes import read_codes
-from controller.inspection import Unjudged, ViewPictures, ViewResult, inspect_view
+from controller.inspection import PartFacts, Unjudged, ViewPictures, ViewResult, inspect_view
 from controller.inspection.lit.coded import on_code
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ def pictures() -> ViewPictures:
 
 
 def look(pictures: ViewPictures, *codes_mm: Array) -> ViewResult:
-    return inspect_view(part(), samples(), replace(task(T), codes_mm=codes_mm), pictures)
+    return inspect_view(part(), samples(), replace(task(T), facts=PartFacts(codes_mm)), pictures)
 
 
 def test_a_code_where_the_recipe_has_one_is_no_finding(pictures: ViewPictures) -> None:

@@ -27,6 +27,7 @@ KEYS = {
     "pose_index", "sigma_mm", "sigma_deg", "T_world_part", "reason", "remarks", "lighting",
     "seconds_picture", "free_share", "touching_count", "is_cut", "images", "lies_on",
     "is_covered",
+    "is_turn_free",
 }  # fmt: skip
 
 

@@ -18,7 +18,7 @@ def held_task(
     lamps: Sequence[str],
     *,
     is_hold_measured: bool,
-    codes_mm: tuple[FloatArray, ...] = (),
+    facts: inspecting.PartFacts = inspecting.NO_FACTS,
 ) -> inspecting.ViewTask:
     """Return a view of the part in the arm gripper, before the inspection camera.
 
@@ -30,7 +30,7 @@ def held_task(
     holder : objects of the cell that may be in the picture
     lamps : names of the lamps of its lit pictures
     is_hold_measured : an earlier view has confirmed how the part is held
-    codes_mm : corners (4, 3) of codes on the part, CAD frame
+    facts : known of this part besides its CAD model
     """
     return inspecting.ViewTask(
         view_id=view_id,
@@ -41,7 +41,7 @@ def held_task(
         lamps=build_lamps(c.cell, tuple(lamps)),
         limits=inspection_limits(c.recipe),
         is_hold_measured=is_hold_measured,
-        codes_mm=codes_mm,
+        facts=facts,
     )
 
 
@@ -50,13 +50,13 @@ def table_task(
     view_id: str,
     T_world_part: FloatArray,
     lamps: Sequence[str],
-    codes_mm: tuple[FloatArray, ...] = (),
+    facts: inspecting.PartFacts = inspecting.NO_FACTS,
 ) -> inspecting.ViewTask:
     """Return a view of the part where it lies, before the overhead camera; nothing hides it.
 
     Parameters
     ----------
-    c, view_id, lamps, codes_mm : see `held_task`
+    c, view_id, lamps, facts : see `held_task`
     T_world_part : (4, 4) pose of the part
     """
     return inspecting.ViewTask(
@@ -68,5 +68,5 @@ def table_task(
         lamps=build_lamps(c.cell, tuple(lamps)),
         limits=inspection_limits(c.recipe),
         is_hold_measured=True,
-        codes_mm=codes_mm,
+        facts=facts,
     )

@@ -156,6 +156,7 @@ def _bodies(
             "theta_deg": float(np.degrees(s.theta_rad)),
             "sigma_mm": s.sigma_mm if is_known else None,
             "sigma_deg": float(np.degrees(s.sigma_rad)) if is_known else None,
+            "is_turn_free": s.free_turn is not None,
             "T_world_part": None if s.T_world_part is None else s.T_world_part.tolist(),
             "score": s.score,
             "ambiguous_with": [
@@ -180,6 +181,7 @@ def _sentence(body: dict[str, Any]) -> str:
     where = f"x {body['x_mm']:.1f} mm, y {body['y_mm']:.1f} mm"
     if body["part"] is None:
         return f"{body['image']}: unknown object at {where}: {body['reason']}"
+    turn = "turn not seen" if body["is_turn_free"] else f"{body['theta_deg']:.1f} deg"
     others = body["ambiguous_with"]
     also = ""
     if others:
@@ -189,7 +191,7 @@ def _sentence(body: dict[str, Any]) -> str:
         also = f"; could also be {others_text}"
     return (
         f"{body['image']}: {body['part']}, pose {body['pose_index']}, at {where}, "
-        f"{body['theta_deg']:.1f} deg, score {body['score']:.3f}{_in_part(body)}{also}"
+        f"{turn}, score {body['score']:.3f}{_in_part(body)}{also}"
     )
 
 

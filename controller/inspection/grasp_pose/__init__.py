@@ -7,6 +7,7 @@ faces have small ones of their own, but neither includes scale or thickness.
 from ._backlit import Backlit, backlit_outline, chord_px
 from ._joint import fit_grasp
 from ._rims import Rims, find_rims
+from ._turned import settle_turn
 from ._types import FaceShift, GraspPose, OutlinedView, PoseSettings, ViewPose
 from .rivals import Rival, find_rival, is_suspect, mirror_image
 
@@ -26,4 +27,5 @@ __all__ = [
     "fit_grasp",
     "is_suspect",
     "mirror_image",
+    "settle_turn",
 ]

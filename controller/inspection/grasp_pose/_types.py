@@ -58,7 +58,10 @@ class OutlinedView:
     def turned(self, T_part_turned: FloatArray) -> "OutlinedView":
         """Return the view with the part expected at a turn (4, 4) from its pose."""
         T = self.task.T_world_part_expected @ T_part_turned
-        task = replace(self.task, T_world_part_expected=T)
+        return self.with_task(replace(self.task, T_world_part_expected=T))
+
+    def with_task(self, task: ViewTask) -> "OutlinedView":
+        """Return the view with another expectation of the same pictures."""
         return replace(self, view=replace(self.view, task=task))
 
 

@@ -163,9 +163,9 @@ class LitPictures:
     def _coded(self) -> BoolArray:
         """Nodes (h, w) on codes."""
         on: BoolArray = np.zeros(self._surface.seen.shape, dtype=bool)
-        if self._task.codes_mm:
+        if self._task.facts.codes_mm:
             points = transform(inverse_pose(self._fit.T_world_part), self._surface.points)
-            masks = [on_code(points, corners) for corners in self._task.codes_mm]
+            masks = [on_code(points, corners) for corners in self._task.facts.codes_mm]
             on[self._surface.seen] = np.logical_or.reduce(masks)
         return on
 

@@ -32,17 +32,20 @@ from ._measure import Gaps, GreyMeasure, Measure, OutlineMeasure
 from ._model import EdgeModel, EdgeShape, edge_model, edge_shape
 from ._predict import ModelEdgePoints, predict_edges, predict_outline
 from ._shade import Shading, shading_fits
+from ._turn import RIM_PX, FreeTurn, TurnPictures, likeliest_turn
 
 __all__ = [
     "FAR_PX",
     "FINE_REACH_MM",
     "MAX_MISFIT_PX",
     "NEAR_PX",
+    "RIM_PX",
     "EdgeFit",
     "EdgeModel",
     "EdgeShape",
     "Evidence",
     "FitOptions",
+    "FreeTurn",
     "Gaps",
     "GreyMeasure",
     "ImageEdges",
@@ -51,6 +54,7 @@ __all__ = [
     "OutlineMeasure",
     "Prior",
     "Shading",
+    "TurnPictures",
     "are_highlights",
     "are_shaded",
     "asked_of_each_lamp",
@@ -63,6 +67,7 @@ __all__ = [
     "fit_edges",
     "grey_evidence",
     "is_predicted",
+    "likeliest_turn",
     "longest_alone_mm",
     "outline_evidence",
     "predict_edges",

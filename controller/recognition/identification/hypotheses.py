@@ -20,6 +20,7 @@ from ..fitting import (
     EdgeModel,
     Evidence,
     FitOptions,
+    FreeTurn,
     ImageEdges,
     Shading,
     are_highlights,
@@ -67,6 +68,7 @@ class Hypothesis:
     log_odds : up to a constant, to compare it with other hypotheses about the same object
     overlap : overlap of the silhouettes it was found by, or score of the lines
     source : what proposed it, as `Candidate` has it; "cluster" for a fit beside others
+    free_turn : axis about which the pictures leave its turn open; None if they show it
     """
 
     part: int
@@ -79,6 +81,7 @@ class Hypothesis:
     log_odds: float
     overlap: float
     source: str
+    free_turn: FreeTurn | None = None
 
 
 def hypothesis_of(
@@ -337,8 +340,21 @@ def _coarse_by_outline(
     return fit, 0.0 if fit is None else fit.score
 
 
+def refitted(h: Hypothesis, T_world_part: FloatArray, cutout: ObjectCutout) -> Hypothesis | None:
+    """Return a hypothesis fitted from another pose (4, 4); None where the picture shows too little.
+
+    Parameters
+    ----------
+    h : its part rests in the same stable pose
+    T_world_part : (4, 4) pose to start from
+    cutout : the object
+    """
+    coarse = replace(h.fit, T_world_part=T_world_part)
+    return _refine(h, coarse, cutout, cutout.scene.search)
+
+
 def _refine(
-    candidate: Candidate, coarse: EdgeFit, cutout: ObjectCutout, limits: SearchLimits
+    candidate: Candidate | Hypothesis, coarse: EdgeFit, cutout: ObjectCutout, limits: SearchLimits
 ) -> Hypothesis | None:
     model = cutout.library.model(candidate.part)
     pose = cutout.library.entries[candidate.part].pose(candidate.pose)

@@ -15,6 +15,7 @@ from .decide import decide, is_convincing
 from .hypotheses import distinct, is_tried, ranked_under_lamps, weigh
 from .scene import TableScene
 from .sighting import Seen, Trace, known, unknown, why_not
+from .turns import settle_turns
 
 CROWD: Final = 0.15  # distance in the index: the right view of seen silhouettes was within 0.13
 CROWDED_VIEWS: Final = 400  # views compared turn by turn in a crowd: 10 to 16 ms
@@ -50,6 +51,8 @@ def identify(region: Region, scene: TableScene) -> Seen:
         new = [c for c in proposed if not is_tried(c, hypotheses, library)]
         others = weigh(new, cutout, scene.search.for_edges(len(new)))
         hypotheses = ranked_under_lamps([*hypotheses, *others], library)
+    if scene.is_backlit:
+        hypotheses = settle_turns(hypotheses, cutout)
     decision = decide(hypotheses, is_backlit=scene.is_backlit)
     if scene.is_backlit and decision.best is None and _is_crowded(silhouette, library):
         crowd = library.index.search(silhouette, CROWDED_VIEWS, far=CROWD)

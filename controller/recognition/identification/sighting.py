@@ -7,6 +7,7 @@ import numpy as np
 from controller.arrays import FloatArray
 from messages import key, say
 
+from ..fitting import FreeTurn
 from ..library import Candidate, Library, LibraryPart, place_of
 from ..segmentation import Region, Segmentation
 from .decide import Decision, has_other_inside
@@ -55,6 +56,8 @@ class Sighting:
     is_covered : True if another object lies on it
     touching_count : other objects that it is one cluster with
     is_cut : True if it lies partly outside the picture or the backlit area
+    free_turn : axis about which the pictures leave its turn open; None if they show it, or if the
+        part is round
     """
 
     part: str | None
@@ -76,6 +79,7 @@ class Sighting:
     is_cut: bool = False
     lies_on: tuple[int, ...] = ()
     is_covered: bool = False
+    free_turn: FreeTurn | None = None
 
     def read_as(self, name: str, library: Library) -> "Sighting":
         """Return the sighting as that part, with this hypothesis as the alternative.
@@ -155,7 +159,11 @@ Seen = tuple[Sighting, Trace]
 
 
 def known(
-    decision: Decision, best: Hypothesis, region: Region, area_mm2: float, library: Library
+    decision: Decision,
+    best: Hypothesis,
+    region: Region,
+    area_mm2: float,
+    library: Library,
 ) -> Sighting:
     """Return the sighting of the part that was decided for.
 
@@ -184,13 +192,14 @@ def known(
         area_mm2=area_mm2,
         box_px=region.box_px,
         residual_px=best.fit.sigma_px,
+        free_turn=best.free_turn,
     )
 
 
 def _covariance(best: Hypothesis, entry: LibraryPart) -> FloatArray:
-    """Return the fit's covariance; the turn of a round part, by its mesh alone, is unknown."""
+    """Return the fit's covariance; a free turn is unknown, and that of a round part, too."""
     covariance = best.fit.covariance.copy()
-    if len(entry.turns_of(best.pose)) == 0:
+    if best.free_turn is not None or len(entry.turns_of(best.pose)) == 0:
         covariance[2, :], covariance[:, 2] = 0.0, 0.0
         covariance[2, 2] = np.pi**2 / 3  # any turn is as likely
     return covariance

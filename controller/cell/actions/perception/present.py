@@ -46,7 +46,8 @@ class PresentAction:
         """Present one view after another; return ``SHOWN``.
 
         After each new grasp the pose of the part in the first view has to be known before the
-        second is taken: it verifies the grasp. In a plan made after a recovery, views that would
+        second is taken: it verifies the grasp. So has that in each view until one shows a turn that
+        the table left open. In a plan made after a recovery, views that would
         show nothing new are skipped; so are, once the grasp is verified, views that have failed too
         often in this batch.
 
@@ -71,7 +72,11 @@ class PresentAction:
                 view = await self._show(step, hold)
                 self.steps.end(step, started_s, view=view)
                 self.views.take_ready()
-                if not hold.is_measured or self.views.is_hold_questioned():
+                if (
+                    not hold.is_measured
+                    or self.record.part.is_turn_open
+                    or self.views.is_hold_questioned()
+                ):
                     break
                 if self.views.may_have_failed():
                     break

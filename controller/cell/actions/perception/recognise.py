@@ -65,16 +65,20 @@ class RecogniseAction:
             if part.neighbours
             else ""
         )
+        turn = (
+            say("{degrees:.1f} deg", degrees=np.degrees(s.theta_rad))
+            if s.free_turn is None
+            else key("turn not seen")
+        )
         self.record.show(
             "recognised",
             part_pose=say(
-                "{part}, pose {pose_index}, x {x_mm:.1f} y {y_mm:.1f} mm, "
-                "{degrees:.1f} deg{beside}",
+                "{part}, pose {pose_index}, x {x_mm:.1f} y {y_mm:.1f} mm, {turn}{beside}",
                 part=s.part,
                 pose_index=s.pose_index,
                 x_mm=s.x_mm,
                 y_mm=s.y_mm,
-                degrees=np.degrees(s.theta_rad),
+                turn=turn,
                 beside=beside,
             ),
         )

@@ -31,11 +31,14 @@ class Located:
     ----------
     evaluated : the view shows it where it may be; otherwise `reason` says why not
     T_world_part : (4, 4) measured; the expected one where it is not evaluated
+    is_turn_known : False where the view leaves a free turn open; the pose is then at the turn
+        expected
     """
 
     evaluated: bool
     reason: str
     T_world_part: FloatArray
+    is_turn_known: bool = True
 
 
 def locate(
@@ -46,7 +49,7 @@ def locate(
     backlit: Grey,
     lit: Mapping[str, Grey],
     is_hold_measured: bool,
-    codes_mm: tuple[FloatArray, ...] = (),
+    facts: inspecting.PartFacts = inspecting.NO_FACTS,
 ) -> Located:
     """Return the pose of the part in the arm gripper, as located in one view.
 
@@ -60,11 +63,11 @@ def locate(
     holder : objects of the cell that may be in the picture
     backlit, lit : pictures in front of the backlight panel, and by lamp
     is_hold_measured : an earlier view has confirmed how the part is held
-    codes_mm : corners (4, 3) of codes on the part, CAD frame
+    facts : known of this part besides its CAD model
     """
     task = held_task(
         context(job), view_id, T_world_part, holder, tuple(lit),
-        is_hold_measured=is_hold_measured, codes_mm=codes_mm,
+        is_hold_measured=is_hold_measured, facts=facts,
     )  # fmt: skip
     pictures = inspecting.ViewPictures(backlit=backlit, lit=lit)
     found = inspecting.locate_view(context(job).posed, task, pictures)
@@ -72,6 +75,8 @@ def locate(
     if len(_located) > MAX_LOCATED_COUNT:
         _located.pop(next(iter(_located)))
     if isinstance(found, inspecting.NotEvaluated):
+        if found.T_world_part is not None:
+            return Located(True, "", found.T_world_part, is_turn_known=False)
         return Located(False, found.reason, T_world_part)
     return Located(True, "", found.fit.T_world_part)
 
@@ -90,7 +95,7 @@ def inspect(
     backlit: Grey,
     lit: Mapping[str, Grey],
     is_hold_measured: bool,
-    codes_mm: tuple[FloatArray, ...] = (),
+    facts: inspecting.PartFacts = inspecting.NO_FACTS,
 ) -> inspecting.ViewResult:
     """Return the result of one view of the part in the arm gripper.
 
@@ -102,11 +107,11 @@ def inspect(
     holder : objects of the cell that may be in the picture
     backlit, lit : pictures in front of the backlight panel, and by lamp
     is_hold_measured : an earlier view has confirmed how the part is held
-    codes_mm : corners (4, 3) of codes on the part, CAD frame
+    facts : known of this part besides its CAD model
     """
     task = held_task(
         context(job), view_id, T_world_part, holder, tuple(lit),
-        is_hold_measured=is_hold_measured, codes_mm=codes_mm,
+        is_hold_measured=is_hold_measured, facts=facts,
     )  # fmt: skip
     located = _located.pop(_view_key(job, view_id, T_world_part, backlit), None)
     return _inspected(context(job), task, backlit, lit, located)
@@ -118,7 +123,7 @@ def inspect_on_table(
     T_world_part: FloatArray,
     backlit: Grey,
     lit: Mapping[str, Grey],
-    codes_mm: tuple[FloatArray, ...] = (),
+    facts: inspecting.PartFacts = inspecting.NO_FACTS,
 ) -> inspecting.ViewResult:
     """Return the table pictures' result as a view; nothing hides the part there.
 
@@ -128,10 +133,10 @@ def inspect_on_table(
     view_id : id of the view
     T_world_part : (4, 4) pose of the part
     backlit, lit : pictures of the light table, and by lamp
-    codes_mm : corners (4, 3) of codes on the part, CAD frame
+    facts : known of this part besides its CAD model
     """
     c = context(job)
-    return _inspected(c, table_task(c, view_id, T_world_part, tuple(lit), codes_mm), backlit, lit)
+    return _inspected(c, table_task(c, view_id, T_world_part, tuple(lit), facts), backlit, lit)
 
 
 def _inspected(

@@ -112,6 +112,14 @@ class OtherHypothesis(Fields):
     T_world_part: Matrix | None = None
 
 
+class FreeTurnFields(Fields):
+    """An axis in the CAD frame about which a part's turn is not known."""
+
+    axis: tuple[float, float, float]
+    through_mm: tuple[float, float, float]
+    same_deg: tuple[float, ...]
+
+
 class SightingFields(Fields):
     """An object on the table."""
 
@@ -134,6 +142,7 @@ class SightingFields(Fields):
     is_cut: bool = False
     lies_on: tuple[int, ...] = ()
     is_covered: bool = False
+    free_turn: FreeTurnFields | None = None
 
 
 class Sightings(Body):

@@ -13,7 +13,7 @@ from controller.cell.custody import Custody
 from controller.cell.journal.rows import CodeFields, SightingFields
 from controller.cell.machine import Recovery
 from controller.planning import FaceToShowAgain, Grasp, Look, Plan, Present
-from controller.recognition import Alternative, Sighting
+from controller.recognition import Alternative, FreeTurn, Sighting
 
 from .product import BatchProduct
 
@@ -53,6 +53,7 @@ class Shown:
     lamps : lamps of its lit pictures
     is_hold_measured : the expected pose was measured in an earlier view
     T_part_tcp : (4, 4) grasp at that time; None for a part on the table
+    free_turn : axis about which the turn was not known then
     task : the result
     located : pose of the part, known sooner; None to take it from the result
     """
@@ -68,6 +69,7 @@ class Shown:
     T_part_tcp: FloatArray | None
     task: asyncio.Task[inspecting.ViewResult]
     located: asyncio.Task[Located] | None = None
+    free_turn: FreeTurn | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +105,7 @@ class PartRecord:
     look_count : number of looks at the table
     seen : all sightings of the last look
     alternatives : other hypotheses from the pictures of the table
+    free_turn : axis about which its turn is a guess; None as a rule
     neighbours : other objects on the table at the last look; they stay there
     plan_ahead : made while the arm had the part before; None if there is none that holds
     plan, next_step : the plan being followed, and the number of its next step
@@ -144,6 +147,7 @@ class PartRecord:
     seen: tuple[Sighting, ...] = ()
     sighting: Sighting | None = None
     alternatives: tuple[Alternative, ...] = ()
+    free_turn: FreeTurn | None = None
     neighbours: tuple[SightingFields, ...] = ()
     plan_ahead: Plan | None = None
     plan: Plan | None = None
@@ -182,6 +186,16 @@ class PartRecord:
     def codes_mm(self) -> tuple[FloatArray, ...]:
         """The corners (4, 3) of the codes known to be on it, in the part frame."""
         return tuple(self.coded.values())
+
+    @property
+    def is_turn_open(self) -> bool:
+        """Nothing is known of its turn about an axis yet."""
+        return self.free_turn is not None and not self.free_turn.is_shown
+
+    @property
+    def facts(self) -> inspecting.PartFacts:
+        """All that is known of it now besides its CAD model, for the judging of a view."""
+        return inspecting.PartFacts(self.codes_mm, self.free_turn)
 
     @property
     def shown(self) -> tuple[Shown, ...]:

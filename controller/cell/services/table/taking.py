@@ -72,6 +72,7 @@ class Taking:
         part.sighting = sightings[number]
         _, part.neighbours = row.parted()
         part.alternatives = part.sighting.ambiguous_with
+        part.free_turn = part.sighting.free_turn
         product = self._product_of(part.sighting.part)
         if part.product is not product:
             label = self.labels.assign(part, product)
@@ -96,14 +97,14 @@ class Taking:
             for row, seen in zip(sightings_row(part.seen).sightings, part.seen, strict=True)
             if seen is part.sighting
         )
-        before = part.sighting, part.neighbours, part.alternatives
+        before = part.sighting, part.neighbours, part.alternatives, part.free_turn
         self.left.append(LeftAlone(one, part.neighbours, reason))
         part.sighting, part.neighbours = None, ()
         try:
             found = await self._choose(sightings_row(part.seen).sightings)
         except PartProblemError:
             found = None
-        part.sighting, part.neighbours, part.alternatives = before
+        part.sighting, part.neighbours, part.alternatives, part.free_turn = before
         if found is None:
             return False
         self.record.note(

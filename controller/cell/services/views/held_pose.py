@@ -1,6 +1,6 @@
 """Measures the part's pose in the arm gripper, by the inspection camera."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -27,6 +27,9 @@ from .views import Views
 BAD_VIEW_COUNT = 2
 HAS_SLIPPED: Final = key(
     "the part sits {shift_mm:.1f} mm and {turn_deg:.1f} degrees from where it was in the gripper"
+)
+IS_TURNED: Final = key(
+    "the view shows the turn of the part about its axis: {turn_deg:.0f} degrees from the guess"
 )
 IS_NOT_AS_PLANNED: Final = key(
     "the part sits {shift_mm:.1f} mm and {turn_deg:.1f} degrees from where the grasp was planned"
@@ -97,7 +100,12 @@ class HeldPose:
         ------
         PartFaultError : the part is held otherwise than planned, or not seen in the gripper
         """
-        T_world_part, was_known = found.T_world_part, hold.is_measured
+        part = self.record.part
+        free = part.free_turn
+        is_turn_new = False
+        if free is not None and not free.is_shown and found.evaluated and found.is_turn_known:
+            part.free_turn, is_turn_new = replace(free, is_shown=True), True
+        T_world_part, was_known = found.T_world_part, hold.is_measured and not is_turn_new
         if not found.evaluated:
             T_searched = await self._search(shown, hold, found.reason)
             if T_searched is None:
@@ -116,7 +124,7 @@ class HeldPose:
             raise PartFaultError(
                 PartFault.HELD_OTHERWISE,
                 say(
-                    HAS_SLIPPED if was_known else IS_NOT_AS_PLANNED,
+                    HAS_SLIPPED if was_known else IS_TURNED if is_turn_new else IS_NOT_AS_PLANNED,
                     shift_mm=shift_mm,
                     turn_deg=np.degrees(turn_rad),
                 ),

@@ -12,7 +12,7 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cell.compute import Compute, begin
 from controller.cell.services.records import PartInGripper, Shown
-from controller.inspection import ViewResult
+from controller.inspection import NO_FACTS, PartFacts, ViewResult
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
 from controller.setup.holder import holder_boxes
@@ -68,7 +68,7 @@ def judge_held(
     backlit: Grey,
     lit: Mapping[str, Grey],
     by_then: PartInGripper | None = None,
-    codes_mm: tuple[FloatArray, ...] = (),
+    facts: PartFacts = NO_FACTS,
 ) -> Shown:
     """Begin to judge a view of the held part; return it.
 
@@ -82,12 +82,12 @@ def judge_held(
     q : (6,) joints of the arm
     backlit, lit : pictures before the backlight panel, and by lamp
     by_then : grasp as known at that time; None for the one in `hold`
-    codes_mm : corners (4, 3) of codes that are known to be on the part, CAD frame
+    facts : known of this part besides its CAD model
     """
     known = hold if by_then is None else by_then
     expected = shown_pose(layout, q, known.T_part_tcp)
     holder = holder_boxes(layout, q, known.opening_mm)
-    asked = (view, expected, holder, backlit, lit, known.is_measured, codes_mm)
+    asked = (view, expected, holder, backlit, lit, known.is_measured, facts)
     located = begin(compute.locate(*asked))
     return Shown(
         view=view,
@@ -101,6 +101,7 @@ def judge_held(
         T_part_tcp=known.T_part_tcp,
         task=begin(background.put(compute.inspect, *asked)),
         located=located,
+        free_turn=facts.free_turn,
     )
 
 
@@ -112,7 +113,7 @@ def judge_on_table(
     planned: BoolArray,
     backlit: Grey,
     lit: Mapping[str, Grey],
-    codes_mm: tuple[FloatArray, ...] = (),
+    facts: PartFacts = NO_FACTS,
 ) -> Shown:
     """Begin to judge pictures of the table as a view of the part at rest on it; return it.
 
@@ -124,12 +125,12 @@ def judge_on_table(
     T_world_part : (4, 4) pose of the part as recognised
     planned : (n,) the samples that count: those that the plan has this view resolve
     backlit, lit : pictures of the light table, and by lamp
-    codes_mm : corners (4, 3) of codes that are known to be on the part, CAD frame
+    facts : known of this part besides its CAD model
     """
     inspect = compute.inspect_on_table  # of this part's recipe, whenever it is asked
 
     async def counted() -> ViewResult:
-        found = await background.put(inspect, view, T_world_part, backlit, lit, codes_mm)
+        found = await background.put(inspect, view, T_world_part, backlit, lit, facts)
         return found.within(planned)
 
     return Shown(
@@ -143,4 +144,5 @@ def judge_on_table(
         is_hold_measured=True,
         T_part_tcp=None,
         task=begin(counted()),
+        free_turn=facts.free_turn,
     )

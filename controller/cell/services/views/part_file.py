@@ -21,6 +21,7 @@ from controller.config.view_set import (
     SetBox,
     SetCalibration,
     SetCamera,
+    SetTurn,
     SetView,
     ViewSetFile,
     packed,
@@ -30,6 +31,7 @@ from controller.inspection import MEASURED_HOLD, PLANNED_HOLD, WorldBox
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
+from controller.recognition import FreeTurn
 from controller.setup.optics import light_of, table_light
 
 SAME_HOLD: Final = 1e-6  # rounding of pose products between a hold and the pose it was learned from
@@ -143,6 +145,7 @@ class PartFileWriter:
             is_hold_measured=shown.is_hold_measured,
             planned=None if mask is None or not len(mask) else packed(mask),
             only_planned=not is_held,
+            free_turn=None if shown.free_turn is None else turn_section(shown.free_turn),
         )
 
 
@@ -150,36 +153,54 @@ def _in_common_holds(views: Sequence[Shown], layout: CellLayout) -> list[tuple[S
     """Return views with the numbers of their grasps; those of one grasp share one hold.
 
     The first view of a grasp is taken where the plan expects the part; from then on the hold is
-    known from that view. It is restated by the same hold, as all views of a grasp share it.
+    known from that view. It is restated by the same hold, as all views of a grasp share it; and so
+    are the views before the one that showed an open turn.
     """
-    learned = [shown for shown in views if shown.hold is not None and shown.is_hold_measured]
     numbers: dict[tuple[int, bytes], int] = {}
     found = []
     for shown in views:
-        now = shown
-        pose = None if shown.located is None else shown.located.result()
-        if not shown.is_hold_measured and pose is not None and pose.evaluated:
-            own = inverse_pose(pose.T_world_part) @ tcp_pose(layout, shown.q)
-            same = [
-                other.T_part_tcp
-                for other in learned
-                if other.hold is shown.hold
-                and other.T_part_tcp is not None
-                and np.allclose(other.T_part_tcp, own, atol=SAME_HOLD)
-            ]
-            if same and same[0] is not None:
-                now = replace(
-                    shown,
-                    expected=shown_pose(layout, shown.q, same[0]),
-                    T_part_tcp=same[0],
-                    is_hold_measured=True,
-                )
+        twin, now = _learned(shown, views, layout), shown
+        if twin is not None and twin.T_part_tcp is not None:
+            now = replace(
+                shown,
+                expected=shown_pose(layout, shown.q, twin.T_part_tcp),
+                T_part_tcp=twin.T_part_tcp,
+                is_hold_measured=True,
+                free_turn=twin.free_turn,
+            )
         if now.hold is None or now.T_part_tcp is None:
             key = (id(now), b"")  # at rest on the table, each look on its own
         else:
             key = (id(now.hold), now.T_part_tcp.tobytes())
         found.append((now, numbers.setdefault(key, len(numbers))))
     return found
+
+
+def _learned(shown: Shown, views: Sequence[Shown], layout: CellLayout) -> Shown | None:
+    """Return a view with the T_part_tcp that was learned of a view's hold; None for nothing new."""
+    is_open = _is_open(shown)
+    if shown.hold is None or (shown.is_hold_measured and not is_open):
+        return None
+    known = [
+        other
+        for other in views
+        if other.hold is shown.hold and other.is_hold_measured and not _is_open(other)
+    ]
+    pose = None if shown.located is None else shown.located.result()
+    if not is_open and pose is not None and pose.evaluated:
+        own = inverse_pose(pose.T_world_part) @ tcp_pose(layout, shown.q)
+        known = [
+            one
+            for one in known
+            if one.T_part_tcp is not None and np.allclose(one.T_part_tcp, own, atol=SAME_HOLD)
+        ]
+    elif not is_open:
+        return None
+    return known[0] if known else None
+
+
+def _is_open(shown: Shown) -> bool:
+    return shown.free_turn is not None and not shown.free_turn.is_shown
 
 
 def camera_section(camera: Camera) -> SetCamera:
@@ -196,6 +217,18 @@ def camera_section(camera: Camera) -> SetCamera:
 def box_section(box: WorldBox) -> SetBox:
     """Return a box of the gripper in the format of a set of views."""
     return SetBox(T=pose_rows(box.T), half_mm=tuple(box.half_mm.tolist()))
+
+
+def turn_section(free: FreeTurn) -> SetTurn:
+    """Return a free turn in the format of a set of views."""
+    (ax, ay, az), (x, y, z) = free.axis.tolist(), free.through_mm.tolist()
+    same_deg = tuple(np.degrees(free.same_rad).tolist())
+    return SetTurn(
+        axis=(ax, ay, az),
+        through_mm=(x, y, z),
+        same_deg=same_deg,
+        is_shown=free.is_shown,
+    )
 
 
 def pose_rows(T: FloatArray) -> tuple[tuple[float, ...], ...]:

@@ -120,7 +120,7 @@ class StoredViews:
             pictures[STATION_PANEL],
             lit,
             by_then,
-            self.record.part.codes_mm,
+            self.record.part.facts,
         )
 
     def _on_table(self, taken: TakenView, pictures: Mapping[str, Grey]) -> Shown:
@@ -132,9 +132,9 @@ class StoredViews:
         lit = {lamp: pictures[lamp] for lamp in TABLE_LAMPS[:1] if lamp in pictures}
         planned = self.record.part.planned[row.view]
         panel = pictures[TABLE_PANEL]
-        codes_mm = self.record.part.codes_mm
+        facts = self.record.part.facts
         return judge_on_table(
-            self.compute, self.background, row.view, T, planned, panel, lit, codes_mm
+            self.compute, self.background, row.view, T, planned, panel, lit, facts
         )
 
 

@@ -116,7 +116,7 @@ class Views:
             q,
             backlit,
             lit,
-            codes_mm=self._record.part.codes_mm,
+            facts=self._record.part.facts,
         )
         self._last_held = shown
         self._keep(shown)
@@ -137,11 +137,9 @@ class Views:
         assert sighting is not None
         T = sighting.T_world_part
         assert T is not None
-        codes_mm = self._record.part.codes_mm
+        facts = self._record.part.facts
         self._keep(
-            judge_on_table(
-                self._compute, self._background, view, T, step.seen, backlit, lit, codes_mm
-            )
+            judge_on_table(self._compute, self._background, view, T, step.seen, backlit, lit, facts)
         )
 
     def _keep(self, shown: Shown) -> None:

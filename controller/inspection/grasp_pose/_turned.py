@@ -1,0 +1,64 @@
+"""Views of a part whose turn about an axis is a guess, once their lit pictures show it."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from controller.imaging import render_maps, view_roi
+from controller.recognition.fitting import RIM_PX, TurnPictures, likeliest_turn
+
+from .._pose import PosedPart
+from ._joint import fit_grasp
+from ._types import OutlinedView, PoseSettings, ViewPose
+
+Grasps = tuple[tuple[OutlinedView, ...], ...]
+
+
+def settle_turn(part: PosedPart, grasps: Grasps, settings: PoseSettings) -> Grasps:
+    """Return views, grasp by grasp, expected at the turn that their lit pictures show.
+
+    Unchanged where the turn is known, and where the pictures leave it open. Once the first grasps
+    are sure of it, it does not change as more follow.
+
+    Parameters
+    ----------
+    part : the part
+    grasps : views of one guess, by their grasps
+    settings : prior knowledge of arm, parts and light
+    """
+    free = grasps[0][0].task.facts.free_turn
+    if free is None:
+        return grasps
+    looks: list[TurnPictures] = []
+    for views in grasps:
+        fit = fit_grasp(part, views, settings)
+        posed = [] if fit is None else [(view, fit.view(view.task.view_id)) for view in views]
+        found = [_look(part, view, pose) for view, pose in posed if pose is not None]
+        looks += [look for look in found if look is not None]
+        turn = likeliest_turn(free, looks)
+        if turn.is_sure:
+            break
+    if not turn.is_decided:
+        return grasps
+    turned = free.by(turn.turn_rad)
+    return tuple(tuple(_known(view.turned(turned)) for view in views) for views in grasps)
+
+
+def _known(view: OutlinedView) -> OutlinedView:
+    facts = replace(view.task.facts, free_turn=None)
+    return view.with_task(replace(view.task, facts=facts))
+
+
+def _look(part: PosedPart, view: OutlinedView, pose: ViewPose) -> TurnPictures | None:
+    """Return a view's lit pictures, cut to the part at its pose; None if it is out of sight."""
+    camera, T_world_part = view.task.camera, pose.T_world_part_measured
+    roi = view_roi(np.asarray(part.solid.mesh.vertices), T_world_part, camera, RIM_PX)
+    if roi is None:
+        return None
+    x0, y0, x1, y1 = roi
+    own = render_maps(part.caster, T_world_part, camera, roi).mask.astype(np.uint8)
+    rim = np.ones((2 * RIM_PX + 1,) * 2, np.uint8)
+    inside = np.asarray(cv2.erode(own, rim) > 0) & ~view.scene.holder_mask[y0:y1, x0:x1]
+    crops = tuple(picture[y0:y1, x0:x1] for picture in view.view.pictures.lit.values())
+    return TurnPictures(part.edges, T_world_part, camera, crops, (x0, y0), inside)

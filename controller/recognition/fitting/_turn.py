@@ -1,0 +1,225 @@
+"""The turn of a part about an axis to which its outline is blind, by the edges that lamps show.
+
+A shaft that stands on its end is a circle from above, and almost the same outline from any side.
+What tells its turn lies inside: the rim of a cross hole, a keyway. All turns are tried, and each is
+weighed by how unusual the slopes of the pictures are where it puts edges.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, Grey, IntArray
+from controller.imaging import Camera, sample_picture, transform
+
+from ._fit import twist
+from ._model import EdgeModel
+from ._predict import ModelEdgePoints, predict_edges
+
+COMMON_RAD: Final = np.radians(15.0)  # between turns that are asked which edges all of them have
+STEP_RAD: Final = np.radians(3.0)  # of the search: edges of other turns are a pixel or more apart
+FINE_RAD: Final = np.radians(0.5)  # of the search about the best one
+# Turns this near the best one show the same edges, a little off: by one view alone the turn of a
+# shaft was off by 5 degrees at most.
+SAME_RAD: Final = np.radians(9.0)
+# Log-odds by which the best turn must lead. In 42 pictures of a shaft, each by itself, a wrong turn
+# led by 8 at most, and 11 right ones by more than this (docs/measurements/recognition.md, "Turns").
+DECIDED: Final = 20.0
+SURE: Final = 100.0  # by this lead, of two or three good views, it is right to half a degree
+SOFT_PX: Final = 0.8  # blur before slopes are taken
+NEAR_PX: Final = 1.5  # distance from its prediction within which an edge is looked for
+RIM_PX: Final = 4  # what lies nearer to the outline is its slope, not an edge inside
+PIECE_PX: Final = 5.0  # neighbouring points of an edge that show the same
+SAMPLE_COUNT: Final = 600  # edge samples looked at for each turn
+CHANCE_COUNT: Final = 3000  # places that tell which slopes are usual
+# Density of the share u of usual slopes above an edge's: a u^(a-1). One edge in two is then among
+# the strongest tenth, and the log-odds of an edge that does not show at all are log a.
+EDGE_POWER: Final = 0.3
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class FreeTurn:
+    """An axis about which a part's turn is a guess.
+
+    Attributes
+    ----------
+    axis : (3,) unit, CAD frame
+    through_mm : (3,) a point on it, CAD frame
+    same_rad : turns about it that leave the part as it is, 0 among them
+    is_shown : a view has shown the turn, roughly
+    """
+
+    axis: FloatArray
+    through_mm: FloatArray
+    same_rad: FloatArray
+    is_shown: bool = False
+
+    def by(self, turn_rad: float) -> FloatArray:
+        """Return the turn (4, 4) of the part, in its CAD frame."""
+        return twist(turn_rad * self.axis, np.zeros(3), self.through_mm)
+
+    def is_same(self, turns_rad: FloatArray, as_rad: float) -> BoolArray:
+        """Return a mask of the turns (k,) that a picture could not tell from another one."""
+        off = turns_rad[:, None] - as_rad - self.same_rad
+        off = np.abs((off + np.pi) % (2 * np.pi) - np.pi)
+        return np.asarray((off <= SAME_RAD).any(axis=1))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class TurnPictures:
+    """Pictures under lamps, from one place, of a part whose turn is sought.
+
+    Attributes
+    ----------
+    model : edges of the part
+    T_world_part : (4, 4) its pose at turn 0
+    camera : of the pictures
+    pictures : (h, w) grey, or crops of them
+    corner_px : (x0, y0) corner of the crops in the picture
+    inside : (h, w) mask of the part's pixels, its rim and what may hide it left out
+    """
+
+    model: EdgeModel
+    T_world_part: FloatArray
+    camera: Camera
+    pictures: Sequence[Grey]
+    corner_px: tuple[int, int]
+    inside: BoolArray
+
+    def log_odds(self, free: FreeTurn, turns_rad: FloatArray) -> FloatArray:
+        """Return the log-odds (k,) of turns against "no edge where it puts them".
+
+        Parameters
+        ----------
+        free : the axis
+        turns_rad : (k,) about it
+        """
+        everywhere = self._everywhere(free)
+        edges = [self._telling(free, turn, everywhere) for turn in turns_rad.tolist()]
+        normals = np.concatenate([one.normals for one in edges])
+        y, x = np.nonzero(self.inside)
+        if len(x) == 0 or len(normals) == 0:
+            return np.zeros(len(turns_rad))
+        slopes = [_slopes(picture) for picture in self.pictures]
+        # evenly over the part and over all directions that edges may have
+        at = np.linspace(0, len(x) - 1, CHANCE_COUNT).astype(np.intp)
+        along = normals[np.arange(CHANCE_COUNT) * len(normals) // CHANCE_COUNT]
+        usual = np.sort(_strongest(slopes, np.column_stack([x[at], y[at]]), along))
+        pixel_mm = self.camera.mm_per_px(
+            transform(self.T_world_part, self.model.centroid_mm[None])[0]
+        )
+        found = np.zeros(len(turns_rad))
+        for k, one in enumerate(edges):
+            here = _strongest(slopes, one.pixels - np.array(self.corner_px), one.normals)
+            above = 1.0 - np.searchsorted(usual, here) / CHANCE_COUNT
+            share = np.maximum(above, 1.0 / CHANCE_COUNT)
+            odds = np.log(EDGE_POWER) + (EDGE_POWER - 1.0) * np.log(share)
+            found[k] = odds.sum() * one.step_mm / pixel_mm / PIECE_PX
+        return found
+
+    def _everywhere(self, free: FreeTurn) -> BoolArray:
+        """Return the mask (h, w) of pixels with an edge at most turns, which tell none of them."""
+        turns = np.arange(0.0, 2 * np.pi, COMMON_RAD)
+        about = np.ones((2 * round(NEAR_PX) + 1,) * 2, np.uint8)
+        counts = np.zeros(self.inside.shape, dtype=np.int64)
+        for turn in turns.tolist():
+            hit = np.zeros(self.inside.shape, dtype=np.uint8)
+            x, y = self._pixels(self._edges(free, turn)).T
+            hit[y, x] = 1
+            counts += cv2.dilate(hit, about) > 0
+        return np.asarray(2 * counts > len(turns))
+
+    def _telling(self, free: FreeTurn, turn_rad: float, everywhere: BoolArray) -> ModelEdgePoints:
+        """Return the edges at a turn that are not there at any other one as well."""
+        edges = self._edges(free, turn_rad)
+        x, y = self._pixels(edges).T
+        return edges.at(~everywhere[y, x])
+
+    def _pixels(self, edges: ModelEdgePoints) -> IntArray:
+        """Return the pixels (n, 2) of edges in the crops."""
+        return np.asarray(np.round(edges.pixels).astype(np.int64) - np.array(self.corner_px))
+
+    def _edges(self, free: FreeTurn, turn_rad: float) -> ModelEdgePoints:
+        """Return the edges inside the outline, where nothing else may be seen."""
+        T_world_part = self.T_world_part @ free.by(turn_rad)
+        edges = predict_edges(self.model, T_world_part, self.camera, SAMPLE_COUNT)
+        x, y = self._pixels(edges).T
+        height, width = self.inside.shape
+        shown = ~edges.on_outline & (x >= 0) & (y >= 0) & (x < width) & (y < height)
+        shown[shown] = self.inside[y[shown], x[shown]]
+        return edges.at(shown)
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """The likeliest turn about an axis.
+
+    Attributes
+    ----------
+    turn_rad : the turn
+    is_decided : the pictures rule out all others that they could tell from it, or a view before
+        them did
+    is_sure : by so much that further pictures would hardly move it
+    """
+
+    turn_rad: float
+    is_decided: bool
+    is_sure: bool
+
+
+def likeliest_turn(free: FreeTurn, views: Sequence[TurnPictures]) -> Turn:
+    """Return the turn that pictures from some places show best.
+
+    Parameters
+    ----------
+    free : the axis
+    views : of the part, at one turn in all of them
+    """
+    turns = np.arange(-np.pi, np.pi - STEP_RAD / 2, STEP_RAD)
+    odds = _of_all(free, views, turns)
+    best = float(turns[int(odds.argmax())])
+    others = odds[~free.is_same(turns, best)]
+    lead = float(odds.max() - others.max(initial=0.0))
+    is_decided = lead >= DECIDED
+    if not is_decided and free.is_shown:
+        near = np.abs(turns) <= SAME_RAD
+        best = float(turns[near][int(odds[near].argmax())])
+    about = best + np.arange(-STEP_RAD, STEP_RAD + FINE_RAD / 2, FINE_RAD)
+    fine = _of_all(free, views, about)
+    weight = np.exp(fine - fine.max())
+    turn_rad = float(weight @ about / weight.sum())
+    return Turn(turn_rad, is_decided or free.is_shown, is_sure=lead >= SURE)
+
+
+def _of_all(free: FreeTurn, views: Sequence[TurnPictures], turns_rad: FloatArray) -> FloatArray:
+    found = np.zeros(len(turns_rad))
+    for view in views:
+        found += view.log_odds(free, turns_rad)
+    return found
+
+
+def _slopes(picture: Grey) -> tuple[FloatArray, FloatArray]:
+    """Return the slopes of a picture along x and along y [grey / px]."""
+    soft = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), SOFT_PX)
+    along_x, along_y = (
+        cv2.Sobel(soft, cv2.CV_32F, int(k == 0), int(k == 1), ksize=3) / 8 for k in range(2)
+    )
+    return np.asarray(along_x), np.asarray(along_y)
+
+
+def _strongest(
+    slopes: Sequence[tuple[FloatArray, FloatArray]], pixels: FloatArray, normals: FloatArray
+) -> FloatArray:
+    """Return the strongest slope (n,) of any picture along normals (n, 2), near places (n, 2)."""
+    steps = np.arange(-NEAR_PX, NEAR_PX + 0.25, 0.5)
+    u = pixels[:, :1] + steps * normals[:, :1]
+    v = pixels[:, 1:] + steps * normals[:, 1:]
+    found = np.zeros(len(pixels))
+    for dx, dy in slopes:
+        along = sample_picture(dx, u, v) * normals[:, :1]
+        along += sample_picture(dy, u, v) * normals[:, 1:]
+        found = np.maximum(found, np.abs(along).max(axis=1))
+    return found

@@ -1,0 +1,139 @@
+"""A shaft that stands on its end: from above its turn does not show, from the side it does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from cad_solids import Body, box, rod, solid_of
+from lit_pictures import Renderer, Scene, placed
+from numpy.typing import NDArray
+from shown_part import photograph, task
+from table_pictures import overhead, resting
+
+from controller.cad import Solid, sample_surface
+from controller.cad.compiled import compile_solid
+from controller.imaging import PointLamp, rotation_angle
+from controller.inspection import (
+    NotEvaluated,
+    PartFacts,
+    PosedPart,
+    ViewPictures,
+    inspect_view,
+    locate_view,
+)
+from controller.recognition import FreeTurn, Sighting, make_library, recognise
+
+Array = NDArray[np.float64]
+TABLE_CAMERA = overhead()
+TABLE = np.array([[-150.0, -120, 0], [150, -120, 0], [150, 120, 0], [-150, 120, 0]])
+LAMPS = [
+    PointLamp.ring("ring", np.array([0.0, 0, 690]), np.array([0.0, 0, -1]), 120.0),
+    PointLamp("side", np.array([[400.0, 350, 450]])),
+]
+AXIS = np.array([0.0, 0.0, 1.0])
+# part z up before the station's camera, which looks along world y
+UPRIGHT = np.eye(3)
+
+
+def shaft() -> Body:
+    """With a cross hole along x, and a keyway above it on the side of +x."""
+    body = rod(15, 26, 192).translate((0, 0, 13)) + rod(10, 34, 128).translate((0, 0, 43))
+    hole = rod(3, 60, 64).rotate((0, 90, 0)).translate((0, 0, 13))
+    return body - hole - box(10, 6, 20).translate((11.5, 0, 42))
+
+
+def disc(pocket: Body | None = None) -> Body:
+    body = rod(24, 14, 192).translate((0, 0, 7))
+    return body if pocket is None else body - pocket
+
+
+@cache
+def solid(name: str) -> Solid:
+    bodies = {
+        "shaft": shaft(),
+        "disc": disc(),
+        "pocketed": disc(box(16, 7, 8).translate((11, 0, 12))),
+        "keyed": disc(box(12, 8, 40).translate((22, 0, 7))),
+    }
+    return solid_of(bodies[name], name)
+
+
+def on_table(name: str, theta_rad: float) -> Sighting:
+    """What is recognised of a part upright on the light table, by its pictures there."""
+    of = solid(name)
+    T = resting(of, np.eye(3), 14.0, -9.0, theta_rad)
+    shots = Renderer(Scene(placed(of.mesh, T), None, TABLE), TABLE_CAMERA, seed=2)
+    library = make_library([compile_solid(of)], TABLE_CAMERA)
+    lit = [shots.lit(lamp) for lamp in LAMPS]
+    (found,) = recognise(shots.backlit(), TABLE_CAMERA, library, lit=lit).sightings
+    assert found.part == name
+    return found
+
+
+def test_a_standing_shaft_is_known_and_its_turn_is_not() -> None:
+    found = on_table("shaft", 0.8)
+    assert found.score > 0.9
+    assert found.ambiguous_with == ()
+    assert found.sigma_rad == pytest.approx(np.pi / np.sqrt(3))  # of an angle that may be any
+    free = found.free_turn
+    assert free is not None
+    assert abs(float(free.axis @ AXIS)) == pytest.approx(1.0, abs=1e-6)
+    assert np.linalg.norm(free.through_mm[:2]) < 0.1
+
+
+@pytest.mark.parametrize("name", ["keyed", "pocketed"])
+def test_a_turn_that_the_outline_or_a_lamp_shows_is_not_free(name: str) -> None:
+    found = on_table(name, 2.1)
+    assert found.free_turn is None
+    assert (found.theta_rad - 2.1 + np.pi) % (2 * np.pi) - np.pi == pytest.approx(0.0, abs=0.03)
+
+
+def test_a_round_part_has_no_turn_to_be_found() -> None:
+    found = on_table("disc", 0.0)
+    assert found.free_turn is None
+    assert found.sigma_rad == pytest.approx(np.pi / np.sqrt(3))
+
+
+# --- before the inspection camera -----------------------------------------------------------------
+
+FREE = FreeTurn(AXIS, np.zeros(3), np.zeros(1))
+
+
+def held(turn_deg: float) -> Array:
+    """T_world_part of the shaft, upright before the camera, turned about its axis."""
+    T = np.eye(4)
+    T[:3, :3] = UPRIGHT @ FREE.by(np.radians(turn_deg))[:3, :3]
+    T[:3, 3] = -T[:3, :3] @ solid("shaft").centroid_mm
+    return T
+
+
+def seen(turn_deg: float, body: Body | None = None) -> ViewPictures:
+    return photograph(shaft() if body is None else body, held(turn_deg), ())
+
+
+@pytest.mark.parametrize("true_deg", [-75.0, -110.0])
+def test_a_view_of_what_is_not_round_shows_the_turn(true_deg: float) -> None:
+    """The camera is on the side of -y: there keyway and hole are at -90 degrees."""
+    asked = replace(task(held(40.0), ()), facts=PartFacts(free_turn=FREE))
+    found = locate_view(PosedPart(solid("shaft")), asked, seen(true_deg))
+    assert not isinstance(found, NotEvaluated), found.reason
+    off = found.fit.T_world_part[:3, :3].T @ held(true_deg)[:3, :3]
+    assert np.degrees(rotation_angle(off)) < 1.0
+
+
+def test_a_view_of_the_round_side_proves_nothing_but_where_the_part_is() -> None:
+    """Hole and keyway point away from the camera."""
+    asked = replace(task(held(0.0), ()), facts=PartFacts(free_turn=FREE))
+    part, blank = PosedPart(solid("shaft")), rod(15, 26, 192).translate((0, 0, 13))
+    body = blank + rod(10, 34, 128).translate((0, 0, 43))
+    found = locate_view(part, asked, seen(0.0, body))
+    assert isinstance(found, NotEvaluated)
+    assert found.T_world_part is not None
+    np.testing.assert_allclose(found.T_world_part[:3, 3], held(0.0)[:3, 3], atol=0.3)
+    result = inspect_view(part, sample_surface(part.solid), asked, seen(0.0, body), found)
+    assert not result.evaluated
+    assert not result.findings
+    assert not result.compared.any()
