@@ -84,6 +84,19 @@ def test_a_standing_shaft_is_known_and_its_turn_is_not() -> None:
     assert np.linalg.norm(free.through_mm[:2]) < 0.1
 
 
+def test_a_shaft_that_was_set_down_has_the_turn_in_which_it_was() -> None:
+    found = on_table("shaft", 0.8)
+    true = resting(solid("shaft"), np.eye(3), 14.0, -9.0, 0.8)
+    read = found.laid(true)
+    assert read.T_world_part is not None
+    np.testing.assert_allclose(read.T_world_part, true, atol=0.15)
+    assert read.theta_rad == pytest.approx(0.8, abs=0.01)
+    assert read.free_turn is not None
+    assert read.free_turn.is_shown
+    fallen = true @ np.diag([1.0, -1.0, -1.0, 1.0])
+    assert found.laid(fallen) is found
+
+
 @pytest.mark.parametrize("name", ["keyed", "pocketed"])
 def test_a_turn_that_the_outline_or_a_lamp_shows_is_not_free(name: str) -> None:
     found = on_table(name, 2.1)

@@ -1,18 +1,22 @@
 """Recognition's answers, with the intermediate results that explain them."""
 
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 
 from controller.arrays import FloatArray
+from controller.imaging import transform
 from messages import key, say
 
-from ..fitting import FreeTurn
+from ..fitting import FreeTurn, twist
 from ..library import Candidate, Library, LibraryPart, place_of
 from ..segmentation import Region, Segmentation
 from .decide import Decision, has_other_inside
 from .hypotheses import Hypothesis
 from .scene import TableScene
+
+TIPPED_RAD: Final = np.radians(20.0)  # stable poses of a part are farther apart
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +113,46 @@ class Sighting:
             T_world_part=own.T_world_part,
             ambiguous_with=(this, *(a for a in self.ambiguous_with if a is not own)),
         )
+
+    def turned(self, turn_rad: float) -> "Sighting":
+        """Return the sighting of a part at another turn about the vertical.
+
+        It turns about its free axis, where it has one, else about its centre of mass.
+
+        Parameters
+        ----------
+        turn_rad : further turn, anticlockwise from above
+        """
+        assert self.T_world_part is not None
+        place_mm = about_mm = np.array([self.x_mm, self.y_mm, 0.0])
+        if self.free_turn is not None:
+            about_mm = transform(self.T_world_part, self.free_turn.through_mm[None])[0]
+        about = twist(np.array([0.0, 0.0, turn_rad]), np.zeros(3), about_mm)
+        x_mm, y_mm, _ = transform(about, place_mm[None])[0].tolist()
+        return replace(
+            self,
+            x_mm=x_mm,
+            y_mm=y_mm,
+            theta_rad=self.theta_rad + turn_rad,
+            T_world_part=about @ self.T_world_part,
+        )
+
+    def laid(self, T_world_part: FloatArray) -> "Sighting":
+        """Return the sighting of a part that was set down in a pose (4, 4).
+
+        Unchanged where the pictures show its turn, or where it has tipped over since.
+
+        Parameters
+        ----------
+        T_world_part : (4, 4) pose in which it was set down, to some degrees
+        """
+        if self.free_turn is None or self.T_world_part is None:
+            return self
+        off = T_world_part[:3, :3] @ self.T_world_part[:3, :3].T
+        if off[2, 2] < np.cos(TIPPED_RAD):
+            return self
+        guess = self.turned(float(np.arctan2(off[1, 0] - off[0, 1], off[0, 0] + off[1, 1])))
+        return replace(guess, free_turn=replace(self.free_turn, is_shown=True))
 
     @property
     def sigma_mm(self) -> float:

@@ -106,6 +106,7 @@ class PartRecord:
     seen : all sightings of the last look
     alternatives : other hypotheses from the pictures of the table
     free_turn : axis about which its turn is a guess; None as a rule
+    laid : (4, 4) pose in which the arm has set it down, until it is seen there; None otherwise
     neighbours : other objects on the table at the last look; they stay there
     plan_ahead : made while the arm had the part before; None if there is none that holds
     plan, next_step : the plan being followed, and the number of its next step
@@ -148,6 +149,7 @@ class PartRecord:
     sighting: Sighting | None = None
     alternatives: tuple[Alternative, ...] = ()
     free_turn: FreeTurn | None = None
+    laid: FloatArray | None = None
     neighbours: tuple[SightingFields, ...] = ()
     plan_ahead: Plan | None = None
     plan: Plan | None = None

@@ -7,7 +7,7 @@ confirmed each object in place; otherwise the part is planned as usual.
 
 import logging
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -111,17 +111,7 @@ class Foreseen:
         unseen_deg = unseen_turn(self.one, now, self.turns_deg[0])
         if not unseen_deg or sighting.T_world_part is None:
             return sighting
-        turn_rad = float(np.radians(unseen_deg))
-        c, s = np.cos(turn_rad), np.sin(turn_rad)
-        about = np.eye(4)
-        about[:2, :2] = (c, -s), (s, c)
-        centre = np.array([sighting.x_mm, sighting.y_mm])
-        about[:2, 3] = centre - about[:2, :2] @ centre
-        return replace(
-            sighting,
-            theta_rad=sighting.theta_rad + turn_rad,
-            T_world_part=about @ sighting.T_world_part,
-        )
+        return sighting.turned(float(np.radians(unseen_deg)))
 
 
 def unseen_turn(was: SightingFields, now: SightingFields, turns: Turns) -> float | None:
@@ -140,7 +130,7 @@ def unseen_turn(was: SightingFields, now: SightingFields, turns: Turns) -> float
     if apart_mm(was, now) > SAME_MM or beside_px > SAME_PX:
         return None
     missing_deg = was.theta_deg - now.theta_deg
-    if turns is None:
+    if turns is None or now.free_turn is not None:
         return missing_deg
     return next((t for t in turns if apart_deg(missing_deg, t) <= SAME_DEG), None)
 

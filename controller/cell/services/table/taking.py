@@ -61,6 +61,11 @@ class Taking:
         if number is None:
             self.record.note(row)
             return False
+        laid, part.laid = part.laid, None
+        if laid is not None:
+            one = sightings[number].laid(laid)
+            sightings = (*sightings[:number], one, *sightings[number + 1 :])
+            row = sightings_row(sightings)
         if foreseen is not None and number == foreseen.place_in(row.sightings):
             part.plan_ahead = foreseen.plan
             one = foreseen.as_planned(sightings[number], row.sightings[number])
