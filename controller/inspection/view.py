@@ -179,7 +179,10 @@ def outline_view(view: PicturedView) -> OutlinedView | NotEvaluated:
 
 
 def locate_view(
-    part: PosedPart, task: ViewTask, pictures: ViewPictures
+    part: PosedPart,
+    task: ViewTask,
+    pictures: ViewPictures,
+    before: Sequence[PicturedView] = (),
 ) -> CheckedView | NotEvaluated:
     """Return the pose of a held part by one view alone, for the arm; nothing is compared yet.
 
@@ -188,6 +191,7 @@ def locate_view(
     part : the CAD model
     task : the view: camera, pose expected, limits
     pictures : taken while the arm stood still at the view's pose; of lit ones only which there are
+    before : views that left the part's turn open, expected at the same guess of it
     """
     prior = MEASURED_HOLD if task.is_hold_measured else PLANNED_HOLD
     outlined = outline_view(PicturedView(task, pictures, 0, *prior))
@@ -196,7 +200,9 @@ def locate_view(
     strictness = Strictness()
     free = task.facts.free_turn
     if free is not None and not free.is_shown:
-        ((outlined,),) = settle_turn(part, ((outlined,),), strictness.pose)
+        others = (one for one in map(outline_view, before) if isinstance(one, OutlinedView))
+        views = (*((one,) for one in others), (outlined,))
+        *_, (outlined,) = settle_turn(part, views, strictness.pose)
     grasp = fit_grasp(part, [outlined], strictness.pose)
     if task.is_hold_measured and not _is_near(grasp):
         # the view that measured the hold may have known it badly

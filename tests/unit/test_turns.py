@@ -19,6 +19,7 @@ from controller.imaging import PointLamp, rotation_angle
 from controller.inspection import (
     NotEvaluated,
     PartFacts,
+    PicturedView,
     PosedPart,
     ViewPictures,
     inspect_view,
@@ -150,3 +151,18 @@ def test_a_view_of_the_round_side_proves_nothing_but_where_the_part_is() -> None
     assert not result.evaluated
     assert not result.findings
     assert not result.compared.any()
+
+
+def test_a_turn_that_an_earlier_view_shows_is_that_of_a_view_which_does_not() -> None:
+    """Of one guess all views are expected: what two of them show together turns both."""
+    part = PosedPart(solid("shaft"))
+    asked = replace(task(held(40.0), ()), facts=PartFacts(free_turn=FREE))
+    at_once = locate_view(part, asked, seen(-75.0))
+    assert not isinstance(at_once, NotEvaluated)
+    # the same part before the same camera, whose lamps have failed meanwhile
+    dark = seen(-75.0)
+    dark = ViewPictures(dark.backlit, {lamp: np.zeros_like(g) for lamp, g in dark.lit.items()})
+    assert isinstance(locate_view(part, asked, dark), NotEvaluated)
+    found = locate_view(part, asked, dark, [PicturedView(asked, seen(-75.0))])
+    assert not isinstance(found, NotEvaluated), found.reason
+    np.testing.assert_allclose(found.fit.T_world_part, at_once.fit.T_world_part, atol=0.05)

@@ -31,6 +31,7 @@ DECIDED: Final = 20.0
 SURE: Final = 100.0  # by this lead, of two or three good views, it is right to half a degree
 SOFT_PX: Final = 0.8  # blur before slopes are taken
 NEAR_PX: Final = 1.5  # distance from its prediction within which an edge is looked for
+AT_PX: Final = 0.5  # the same about the best turn: an edge is where it is
 RIM_PX: Final = 4  # what lies nearer to the outline is its slope, not an edge inside
 PIECE_PX: Final = 5.0  # neighbouring points of an edge that show the same
 SAMPLE_COUNT: Final = 600  # edge samples looked at for each turn
@@ -89,13 +90,14 @@ class TurnPictures:
     corner_px: tuple[int, int]
     inside: BoolArray
 
-    def log_odds(self, free: FreeTurn, turns_rad: FloatArray) -> FloatArray:
+    def log_odds(self, free: FreeTurn, turns_rad: FloatArray, near_px: float) -> FloatArray:
         """Return the log-odds (k,) of turns against "no edge where it puts them".
 
         Parameters
         ----------
         free : the axis
         turns_rad : (k,) about it
+        near_px : distance from its prediction within which an edge is looked for
         """
         everywhere = self._everywhere(free)
         edges = [self._telling(free, turn, everywhere) for turn in turns_rad.tolist()]
@@ -107,13 +109,13 @@ class TurnPictures:
         # evenly over the part and over all directions that edges may have
         at = np.linspace(0, len(x) - 1, CHANCE_COUNT).astype(np.intp)
         along = normals[np.arange(CHANCE_COUNT) * len(normals) // CHANCE_COUNT]
-        usual = np.sort(_strongest(slopes, np.column_stack([x[at], y[at]]), along))
+        usual = np.sort(_strongest(slopes, np.column_stack([x[at], y[at]]), along, near_px))
         pixel_mm = self.camera.mm_per_px(
             transform(self.T_world_part, self.model.centroid_mm[None])[0]
         )
         found = np.zeros(len(turns_rad))
         for k, one in enumerate(edges):
-            here = _strongest(slopes, one.pixels - np.array(self.corner_px), one.normals)
+            here = _strongest(slopes, one.pixels - np.array(self.corner_px), one.normals, near_px)
             above = 1.0 - np.searchsorted(usual, here) / CHANCE_COUNT
             share = np.maximum(above, 1.0 / CHANCE_COUNT)
             odds = np.log(EDGE_POWER) + (EDGE_POWER - 1.0) * np.log(share)
@@ -179,7 +181,7 @@ def likeliest_turn(free: FreeTurn, views: Sequence[TurnPictures]) -> Turn:
     views : of the part, at one turn in all of them
     """
     turns = np.arange(-np.pi, np.pi - STEP_RAD / 2, STEP_RAD)
-    odds = _of_all(free, views, turns)
+    odds = _of_all(free, views, turns, NEAR_PX)
     best = float(turns[int(odds.argmax())])
     others = odds[~free.is_same(turns, best)]
     lead = float(odds.max() - others.max(initial=0.0))
@@ -188,16 +190,18 @@ def likeliest_turn(free: FreeTurn, views: Sequence[TurnPictures]) -> Turn:
         near = np.abs(turns) <= SAME_RAD
         best = float(turns[near][int(odds[near].argmax())])
     about = best + np.arange(-STEP_RAD, STEP_RAD + FINE_RAD / 2, FINE_RAD)
-    fine = _of_all(free, views, about)
+    fine = _of_all(free, views, about, AT_PX)
     weight = np.exp(fine - fine.max())
     turn_rad = float(weight @ about / weight.sum())
     return Turn(turn_rad, is_decided or free.is_shown, is_sure=lead >= SURE)
 
 
-def _of_all(free: FreeTurn, views: Sequence[TurnPictures], turns_rad: FloatArray) -> FloatArray:
+def _of_all(
+    free: FreeTurn, views: Sequence[TurnPictures], turns_rad: FloatArray, near_px: float
+) -> FloatArray:
     found = np.zeros(len(turns_rad))
     for view in views:
-        found += view.log_odds(free, turns_rad)
+        found += view.log_odds(free, turns_rad, near_px)
     return found
 
 
@@ -211,10 +215,13 @@ def _slopes(picture: Grey) -> tuple[FloatArray, FloatArray]:
 
 
 def _strongest(
-    slopes: Sequence[tuple[FloatArray, FloatArray]], pixels: FloatArray, normals: FloatArray
+    slopes: Sequence[tuple[FloatArray, FloatArray]],
+    pixels: FloatArray,
+    normals: FloatArray,
+    near_px: float,
 ) -> FloatArray:
     """Return the strongest slope (n,) of any picture along normals (n, 2), near places (n, 2)."""
-    steps = np.arange(-NEAR_PX, NEAR_PX + 0.25, 0.5)
+    steps = np.arange(-near_px, near_px + 0.25, 0.5)
     u = pixels[:, :1] + steps * normals[:, :1]
     v = pixels[:, 1:] + steps * normals[:, 1:]
     found = np.zeros(len(pixels))

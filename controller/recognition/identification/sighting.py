@@ -133,7 +133,7 @@ class Sighting:
             self,
             x_mm=x_mm,
             y_mm=y_mm,
-            theta_rad=self.theta_rad + turn_rad,
+            theta_rad=(self.theta_rad + turn_rad + np.pi) % (2 * np.pi) - np.pi,
             T_world_part=about @ self.T_world_part,
         )
 

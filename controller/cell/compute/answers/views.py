@@ -10,6 +10,7 @@ from typing import Final
 from controller import inspection as inspecting
 from controller.arrays import FloatArray, Grey
 from controller.config.view_set import load_view_set, parse_view_set
+from controller.recognition import FreeTurn
 from controller.stored import judge_ahead as stored_ahead
 from controller.stored import judge_views, judging_of, read_pictures
 
@@ -19,6 +20,8 @@ from ..tasks import held_task, table_task
 
 Holder = tuple[inspecting.WorldBox, ...]
 MAX_LOCATED_COUNT: Final = 8
+# Views of the part at hand that left its turn open, by what is guessed of it.
+_open: dict[tuple[object, ...], list[inspecting.PicturedView]] = {}
 # What `locate` found last, for `inspect` to go on from; ten megabytes each.
 _located: dict[tuple[object, ...], inspecting.CheckedView | inspecting.NotEvaluated] = {}
 
@@ -70,15 +73,25 @@ def locate(
         is_hold_measured=is_hold_measured, facts=facts,
     )  # fmt: skip
     pictures = inspecting.ViewPictures(backlit=backlit, lit=lit)
-    found = inspecting.locate_view(context(job).posed, task, pictures)
+    before = _open_before(job, facts.free_turn)
+    found = inspecting.locate_view(context(job).posed, task, pictures, before)
     _located[_view_key(job, view_id, T_world_part, backlit)] = found
     if len(_located) > MAX_LOCATED_COUNT:
         _located.pop(next(iter(_located)))
     if isinstance(found, inspecting.NotEvaluated):
         if found.T_world_part is not None:
+            before.append(found.view)
             return Located(True, "", found.T_world_part, is_turn_known=False)
         return Located(False, found.reason, T_world_part)
     return Located(True, "", found.fit.T_world_part)
+
+
+def _open_before(job: Job, free: FreeTurn | None) -> list[inspecting.PicturedView]:
+    """Return the views so far that left this turn open; those of another one are forgotten."""
+    guess = () if free is None else (job, free.axis.tobytes(), free.through_mm.tobytes())
+    if guess not in _open:
+        _open.clear()
+    return _open.setdefault(guess, [])
 
 
 def _view_key(
