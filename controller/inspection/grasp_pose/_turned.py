@@ -1,12 +1,13 @@
 """Views of a part whose turn about an axis is a guess, once their lit pictures show it."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from controller.imaging import render_maps, view_roi
-from controller.recognition.fitting import RIM_PX, TurnPictures, likeliest_turn
+from controller.recognition.fitting import RIM_PX, TurnPictures, likeliest_turn, refined_turn
 
 from .._pose import PosedPart
 from ._joint import fit_grasp
@@ -18,8 +19,8 @@ Grasps = tuple[tuple[OutlinedView, ...], ...]
 def settle_turn(part: PosedPart, grasps: Grasps, settings: PoseSettings) -> Grasps:
     """Return views, grasp by grasp, expected at the turn that their lit pictures show.
 
-    Unchanged where the turn is known, and where the pictures leave it open. Once the first grasps
-    are sure of it, it does not change as more follow.
+    Unchanged where the turn is known, and where the pictures leave it open. Grasps are looked at
+    until they are sure of it; each has its own about that, since round jaws let a round part turn.
 
     Parameters
     ----------
@@ -30,19 +31,32 @@ def settle_turn(part: PosedPart, grasps: Grasps, settings: PoseSettings) -> Gras
     free = grasps[0][0].task.facts.free_turn
     if free is None:
         return grasps
-    looks: list[TurnPictures] = []
-    for views in grasps:
-        fit = fit_grasp(part, views, settings)
-        posed = [] if fit is None else [(view, fit.view(view.task.view_id)) for view in views]
-        found = [_look(part, view, pose) for view, pose in posed if pose is not None]
-        looks += [look for look in found if look is not None]
-        turn = likeliest_turn(free, looks)
+    looks = [_looks(part, views, settings) for views in grasps]
+    turn = likeliest_turn(free, looks[0])
+    for count in range(2, len(looks) + 1):
         if turn.is_sure:
             break
+        turn = likeliest_turn(free, [look for mine in looks[:count] for look in mine])
     if not turn.is_decided:
         return grasps
-    turned = free.by(turn.turn_rad)
-    return tuple(tuple(_known(view.turned(turned)) for view in views) for views in grasps)
+    turns = (refined_turn(free, mine, turn.turn_rad) for mine in looks)
+    return tuple(
+        tuple(_known(view.turned(free.by(own))) for view in views)
+        for own, views in zip(turns, grasps, strict=True)
+    )
+
+
+def _looks(
+    part: PosedPart, views: Sequence[OutlinedView], settings: PoseSettings
+) -> list[TurnPictures]:
+    """Return the lit pictures of a grasp's views in which the part is found."""
+    looks: list[TurnPictures | None] = []
+    for is_measured in (False, True):  # a planned hold is expected elsewhere than a measured one
+        alike = [view for view in views if view.task.is_hold_measured is is_measured]
+        fit = fit_grasp(part, alike, settings) if alike else None
+        posed = [] if fit is None else [(view, fit.view(view.task.view_id)) for view in alike]
+        looks += [_look(part, view, pose) for view, pose in posed if pose is not None]
+    return [look for look in looks if look is not None]
 
 
 def _known(view: OutlinedView) -> OutlinedView:

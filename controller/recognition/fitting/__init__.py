@@ -32,7 +32,7 @@ from ._measure import Gaps, GreyMeasure, Measure, OutlineMeasure
 from ._model import EdgeModel, EdgeShape, edge_model, edge_shape
 from ._predict import ModelEdgePoints, predict_edges, predict_outline
 from ._shade import Shading, shading_fits
-from ._turn import RIM_PX, FreeTurn, TurnPictures, likeliest_turn
+from ._turn import RIM_PX, FreeTurn, TurnPictures, likeliest_turn, refined_turn
 
 __all__ = [
     "FAR_PX",
@@ -72,6 +72,7 @@ __all__ = [
     "outline_evidence",
     "predict_edges",
     "predict_outline",
+    "refined_turn",
     "sample_information",
     "shading_fits",
     "shown_edges",

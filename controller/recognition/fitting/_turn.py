@@ -28,7 +28,8 @@ SAME_RAD: Final = np.radians(9.0)
 # Log-odds by which the best turn must lead. In 42 pictures of a shaft, each by itself, a wrong turn
 # led by 8 at most, and 11 right ones by more than this (docs/measurements/recognition.md, "Turns").
 DECIDED: Final = 20.0
-SURE: Final = 100.0  # by this lead, of two or three good views, it is right to half a degree
+SURE: Final = 100.0  # a lead of two or three good views
+SPUN_RAD: Final = np.radians(3.0)  # a round part turned so far in round jaws that took it over
 SOFT_PX: Final = 0.8  # blur before slopes are taken
 NEAR_PX: Final = 1.5  # distance from its prediction within which an edge is looked for
 AT_PX: Final = 0.5  # the same about the best turn: an edge is where it is
@@ -164,7 +165,7 @@ class Turn:
     turn_rad : the turn
     is_decided : the pictures rule out all others that they could tell from it, or a view before
         them did
-    is_sure : by so much that further pictures would hardly move it
+    is_sure : by so much that further pictures would not change it
     """
 
     turn_rad: float
@@ -173,7 +174,7 @@ class Turn:
 
 
 def likeliest_turn(free: FreeTurn, views: Sequence[TurnPictures]) -> Turn:
-    """Return the turn that pictures from some places show best.
+    """Return the turn that pictures from some places show best, to `STEP_RAD`.
 
     Parameters
     ----------
@@ -185,15 +186,27 @@ def likeliest_turn(free: FreeTurn, views: Sequence[TurnPictures]) -> Turn:
     best = float(turns[int(odds.argmax())])
     others = odds[~free.is_same(turns, best)]
     lead = float(odds.max() - others.max(initial=0.0))
-    is_decided = lead >= DECIDED
-    if not is_decided and free.is_shown:
-        near = np.abs(turns) <= SAME_RAD
-        best = float(turns[near][int(odds[near].argmax())])
-    about = best + np.arange(-STEP_RAD, STEP_RAD + FINE_RAD / 2, FINE_RAD)
-    fine = _of_all(free, views, about, AT_PX)
-    weight = np.exp(fine - fine.max())
-    turn_rad = float(weight @ about / weight.sum())
-    return Turn(turn_rad, is_decided or free.is_shown, is_sure=lead >= SURE)
+    if lead < DECIDED and free.is_shown:
+        return Turn(0.0, is_decided=True, is_sure=False)
+    return Turn(best, is_decided=lead >= DECIDED, is_sure=lead >= SURE)
+
+
+def refined_turn(free: FreeTurn, views: Sequence[TurnPictures], near_rad: float) -> float:
+    """Return the turn [rad] of the part in one grasp, near that of other ones.
+
+    Parameters
+    ----------
+    free : the axis
+    views : of the grasp
+    near_rad : turn of the part before it was handed over, or roughly
+    """
+    about = np.arange(-SAME_RAD, SAME_RAD + FINE_RAD, 2 * FINE_RAD)
+    odds = _of_all(free, views, near_rad + about, NEAR_PX) - 0.5 * (about / SPUN_RAD) ** 2
+    best = near_rad + float(about[int(odds.argmax())])
+    fine = best + np.arange(-STEP_RAD, STEP_RAD + FINE_RAD / 2, FINE_RAD)
+    odds = _of_all(free, views, fine, AT_PX)
+    weight = np.exp(odds - odds.max())
+    return float(weight @ fine / weight.sum())
 
 
 def _of_all(

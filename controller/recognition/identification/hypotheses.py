@@ -85,7 +85,7 @@ class Hypothesis:
 
 
 def hypothesis_of(
-    candidate: Candidate,
+    candidate: Candidate | Hypothesis,
     fit: EdgeFit,
     library: Library,
     evidence: Evidence,

@@ -13,7 +13,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 
-from ..fitting import FreeTurn, TurnPictures, likeliest_turn, twist
+from ..fitting import FreeTurn, TurnPictures, likeliest_turn, refined_turn, twist
 from .cutout import ObjectCutout
 from .decide import DECIDES
 from .hypotheses import OUTLINE_DECIDES, Hypothesis, look_inside, refitted
@@ -61,11 +61,13 @@ def _settled(h: Hypothesis, cutout: ObjectCutout) -> Hypothesis | None:
             return None
         fits.append(fit)
     free = FreeTurn(entry.pose(h.pose).R[2], _through(fits, entry.centroid_mm), same_rad)
-    found = likeliest_turn(free, [_lit(h, cutout)]) if cutout.is_lit else None
-    shown = None if found is None else _turned(h, found.turn_rad, cutout)
-    if found is None or shown is None:
+    if not cutout.is_lit:
         return replace(fits[0], free_turn=free)
-    return shown if found.is_decided else replace(shown, free_turn=free)
+    views = [_lit(h, cutout)]
+    found = likeliest_turn(free, views)
+    if not found.is_decided:
+        return replace(fits[0], free_turn=free)
+    return _turned(h, refined_turn(free, views, found.turn_rad), cutout)
 
 
 def _turned(h: Hypothesis, turn_rad: float, cutout: ObjectCutout) -> Hypothesis | None:
