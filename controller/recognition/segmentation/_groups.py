@@ -57,20 +57,16 @@ def joined(regions: Sequence[Region]) -> Region:
 
 
 def _are_near(a: Region, b: Region) -> bool:
-    pad = 2 * NEAR_PX
-    x0, y0 = (max(a.box_px[k], b.box_px[k]) - pad for k in (0, 1))
-    x1, y1 = (min(a.box_px[k], b.box_px[k]) + pad for k in (2, 3))
-    if x0 >= x1 or y0 >= y1:
+    boxes = np.array([a.box_px, b.box_px])
+    if (boxes[:, :2].max(axis=0) - boxes[:, 2:].min(axis=0) > 2 * NEAR_PX).any():
         return False
+    x0, y0 = boxes[:, :2].min(axis=0).tolist()
+    x1, y1 = boxes[:, 2:].max(axis=0).tolist()
     square = np.ones((2 * NEAR_PX + 1,) * 2, np.uint8)
     wide = []
     for one in (a, b):
-        canvas = np.zeros((y1 - y0 + 2 * pad, x1 - x0 + 2 * pad), np.uint8)
+        canvas = np.zeros((y1 - y0, x1 - x0), np.uint8)
         left, top, right, bottom = one.box_px
-        x, y = left - x0 + pad, top - y0 + pad
-        u0, v0 = max(x, 0), max(y, 0)
-        u1, v1 = min(x + right - left, canvas.shape[1]), min(y + bottom - top, canvas.shape[0])
-        if u0 < u1 and v0 < v1:
-            canvas[v0:v1, u0:u1] = one.mask[v0 - y : v1 - y, u0 - x : u1 - x]
+        canvas[top - y0 : bottom - y0, left - x0 : right - x0] = one.mask
         wide.append(cv2.dilate(canvas, square))
-    return bool(np.logical_and(wide[0], wide[1]).any())
+    return bool(np.logical_and(*wide).any())
