@@ -27,6 +27,13 @@ def shaft() -> Body:
     return body - rod(2, 10, 64).translate((0, 0, 42))
 
 
+def standing_shaft() -> Body:
+    """A stepped shaft with a cross hole along x, and a keyway above it on the side of +x."""
+    body = rod(15, 26, 192).translate((0, 0, 13)) + rod(10, 34, 128).translate((0, 0, 43))
+    hole = rod(3, 60, 64).rotate((0, 90, 0)).translate((0, 0, 13))
+    return body - hole - box(10, 6, 20).translate((11.5, 0, 42))
+
+
 def plate() -> Body:
     """A plate with two rectangular openings, one with rounded corners, and a pocket."""
     body = box(80, 50, 10) - box(16, 12, 20).translate((-25, 8, 0))

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from cad_solids import Body, box, rod, solid_of
+from featured_parts import standing_shaft
 from lit_pictures import Renderer, Scene, placed
 from numpy.typing import NDArray
 from shown_part import photograph, task
@@ -39,13 +40,6 @@ AXIS = np.array([0.0, 0.0, 1.0])
 UPRIGHT = np.eye(3)
 
 
-def shaft() -> Body:
-    """With a cross hole along x, and a keyway above it on the side of +x."""
-    body = rod(15, 26, 192).translate((0, 0, 13)) + rod(10, 34, 128).translate((0, 0, 43))
-    hole = rod(3, 60, 64).rotate((0, 90, 0)).translate((0, 0, 13))
-    return body - hole - box(10, 6, 20).translate((11.5, 0, 42))
-
-
 def disc(pocket: Body | None = None) -> Body:
     body = rod(24, 14, 192).translate((0, 0, 7))
     return body if pocket is None else body - pocket
@@ -54,7 +48,7 @@ def disc(pocket: Body | None = None) -> Body:
 @cache
 def solid(name: str) -> Solid:
     bodies = {
-        "shaft": shaft(),
+        "shaft": standing_shaft(),
         "disc": disc(),
         "pocketed": disc(box(16, 7, 8).translate((11, 0, 12))),
         "keyed": disc(box(12, 8, 40).translate((22, 0, 7))),
@@ -125,7 +119,7 @@ def held(turn_deg: float) -> Array:
 
 
 def seen(turn_deg: float, body: Body | None = None) -> ViewPictures:
-    return photograph(shaft() if body is None else body, held(turn_deg), ())
+    return photograph(standing_shaft() if body is None else body, held(turn_deg), ())
 
 
 @pytest.mark.parametrize("true_deg", [-75.0, -110.0])

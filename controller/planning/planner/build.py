@@ -6,7 +6,7 @@ else (planning-facts.md 1.3, lazy verification).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -39,6 +39,7 @@ from ..model import (
 from ..motion import Scene, connect, fewest_waypoints, move_seconds, segment_seconds, shown_pose
 from ..regrasps import PickPath, PlacePath, place_paths
 from ..search import EXACT_STOPS, best_order
+from .confirming import shows_outline
 
 MOTION_TRIES = 12
 
@@ -295,6 +296,9 @@ class Builder:
     def show(self, build: Build, g: int, views: Sequence[int], end: FloatArray | None) -> None:
         """Add the views (directions) of one grasp, in the quickest order.
 
+        The first one of a new grasp verifies it: one of those that show the part's outline, or
+        another view that does.
+
         Parameters
         ----------
         build : steps so far; the views are added
@@ -312,6 +316,7 @@ class Builder:
         todo = {v: part.view_q[g][v] for v in views}
         tries = 0
         order: list[tuple[int, int]] = []
+        is_new = bool(todo) and bool(build.steps) and not isinstance(build.steps[-1], Present)
         while todo:
             # the fewer of many views are left, the better is their order found; a dozen's exactly
             if not order or len(todo) % EXACT_STOPS == 0:
@@ -319,6 +324,10 @@ class Builder:
                 found = best_order(build.q, [todo[v] for v in names], end, self._segment_s)
                 order = [(names[i], k) for i, k in found]
             v, k = order.pop(0)
+            if is_new:
+                order, (v, k) = [], self._confirming(build, g, (v, k), todo)
+                todo.setdefault(v, part.view_q[g][v])
+                is_new = False
             q = todo[v][k]
             try:
                 motion = self._connect(build, q, scene, say("path to view {v}", v=v))
@@ -332,6 +341,36 @@ class Builder:
             # a new grasp's first view is judged before the second, its last before what follows
             waits = not todo or not build.steps or not isinstance(build.steps[-1], Present)
             self._present(build, g, v, q, motion, waits=waits)
+
+    def _confirming(
+        self, build: Build, g: int, first: tuple[int, int], todo: Mapping[int, FloatArray]
+    ) -> tuple[int, int]:
+        """Return the view and configuration by which a new grasp is verified.
+
+        Parameters
+        ----------
+        build : steps so far
+        g : number of the arm's grasp
+        first : view and configuration that would be the quickest
+        todo : configurations of the views to be shown
+        """
+        grasp, scene = self._part.arm_grasps[g], self._carrying(self._part.arm_grasps[g])
+
+        def is_seen(v: int, k: int) -> bool:
+            q = views[v][k]
+            T = shown_pose(self._layout, q, grasp.T_part_tcp)
+            return shows_outline(self._layout, scene, q, self._part.solid.hull_mm, T)
+
+        views: Mapping[int, FloatArray] = todo
+        if is_seen(*first):
+            return first
+        for views in (todo, self._part.view_q[g]):
+            every = [(v, k) for v, q in views.items() for k in range(len(q))]
+            every.sort(key=lambda one: float(self._segment_s(build.q, views[one[0]][one[1]])))
+            found = next((one for one in every if is_seen(*one)), None)
+            if found is not None:
+                return found
+        return first
 
     def _present(
         self, build: Build, g: int, v: int, q: FloatArray, motion: JointPath, *, waits: bool
