@@ -25,8 +25,8 @@ FINE_RAD: Final = np.radians(0.5)  # of the search about the best one
 # Turns this near the best one show the same edges, a little off: by one view alone the turn of a
 # shaft was off by 5 degrees at most.
 SAME_RAD: Final = np.radians(9.0)
-# Log-odds by which the best turn must lead. In 42 pictures of a shaft, each by itself, a wrong turn
-# led by 8 at most, and 11 right ones by more than this (docs/measurements/recognition.md, "Turns").
+# Log-odds by which the best turn must lead. In 122 pictures of a shaft, each by itself, wrong turns
+# led by 10 at most, and 75 right ones by more than this (docs/measurements/inspection.md).
 DECIDED: Final = 20.0
 SURE: Final = 100.0  # a lead of two or three good views
 SPUN_RAD: Final = np.radians(3.0)  # a round part turned so far in round jaws that took it over
