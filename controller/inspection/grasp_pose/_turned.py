@@ -50,13 +50,10 @@ def _looks(
     part: PosedPart, views: Sequence[OutlinedView], settings: PoseSettings
 ) -> list[TurnPictures]:
     """Return the lit pictures of a grasp's views in which the part is found."""
-    looks: list[TurnPictures | None] = []
-    for is_measured in (False, True):  # a planned hold is expected elsewhere than a measured one
-        alike = [view for view in views if view.task.is_hold_measured is is_measured]
-        fit = fit_grasp(part, alike, settings) if alike else None
-        posed = [] if fit is None else [(view, fit.view(view.task.view_id)) for view in alike]
-        looks += [_look(part, view, pose) for view, pose in posed if pose is not None]
-    return [look for look in looks if look is not None]
+    fit = fit_grasp(part, views, settings)
+    posed = [] if fit is None else [(view, fit.view(view.task.view_id)) for view in views]
+    found = (_look(part, view, pose) for view, pose in posed if pose is not None)
+    return [look for look in found if look is not None]
 
 
 def _known(view: OutlinedView) -> OutlinedView:
