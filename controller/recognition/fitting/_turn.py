@@ -91,7 +91,9 @@ class TurnPictures:
     corner_px: tuple[int, int]
     inside: BoolArray
 
-    def log_odds(self, free: FreeTurn, turns_rad: FloatArray, near_px: float) -> FloatArray:
+    def log_odds(
+        self, free: FreeTurn, turns_rad: FloatArray, near_px: float, least: float = -np.inf
+    ) -> FloatArray:
         """Return the log-odds (k,) of turns against "no edge where it puts them".
 
         Parameters
@@ -99,6 +101,7 @@ class TurnPictures:
         free : the axis
         turns_rad : (k,) about it
         near_px : distance from its prediction within which an edge is looked for
+        least : least log-odds of an edge; 0 where one that does not show says nothing
         """
         everywhere = self._everywhere(free)
         edges = [self._telling(free, turn, everywhere) for turn in turns_rad.tolist()]
@@ -120,7 +123,7 @@ class TurnPictures:
             above = 1.0 - np.searchsorted(usual, here) / CHANCE_COUNT
             share = np.maximum(above, 1.0 / CHANCE_COUNT)
             odds = np.log(EDGE_POWER) + (EDGE_POWER - 1.0) * np.log(share)
-            found[k] = odds.sum() * one.step_mm / pixel_mm / PIECE_PX
+            found[k] = np.maximum(odds, least).sum() * one.step_mm / pixel_mm / PIECE_PX
         return found
 
     def _everywhere(self, free: FreeTurn) -> BoolArray:
@@ -201,20 +204,25 @@ def refined_turn(free: FreeTurn, views: Sequence[TurnPictures], near_rad: float)
     near_rad : turn of the part before it was handed over, or roughly
     """
     about = np.arange(-SAME_RAD, SAME_RAD + FINE_RAD, 2 * FINE_RAD)
-    odds = _of_all(free, views, near_rad + about, NEAR_PX) - 0.5 * (about / SPUN_RAD) ** 2
+    # the same edges are in sight at all of these turns: which do not show tells none of them
+    odds = _of_all(free, views, near_rad + about, NEAR_PX, 0.0) - 0.5 * (about / SPUN_RAD) ** 2
     best = near_rad + float(about[int(odds.argmax())])
     fine = best + np.arange(-STEP_RAD, STEP_RAD + FINE_RAD / 2, FINE_RAD)
-    odds = _of_all(free, views, fine, AT_PX)
+    odds = _of_all(free, views, fine, AT_PX, 0.0)
     weight = np.exp(odds - odds.max())
     return float(weight @ fine / weight.sum())
 
 
 def _of_all(
-    free: FreeTurn, views: Sequence[TurnPictures], turns_rad: FloatArray, near_px: float
+    free: FreeTurn,
+    views: Sequence[TurnPictures],
+    turns_rad: FloatArray,
+    near_px: float,
+    least: float = -np.inf,
 ) -> FloatArray:
     found = np.zeros(len(turns_rad))
     for view in views:
-        found += view.log_odds(free, turns_rad, near_px)
+        found += view.log_odds(free, turns_rad, near_px, least)
     return found
 
 
