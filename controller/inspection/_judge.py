@@ -200,48 +200,18 @@ def judge(
         and f.face_id not in not_inspected
         and f.reason != TOO_SMALL
     ]
-    stops: list[str] = []
-    if not evaluated or verified_share < min_coverage:
-        stops.append(
-            say(
-                "{verified_percent:.1f} % of what can be seen is verified, "
-                "{min_coverage_percent:.1f} % is required",
-                verified_percent=100 * verified_share,
-                min_coverage_percent=100 * min_coverage,
-            )
-        )
-    missing = _not_made_good(samples, views, planned)
-    stops += [
-        say("{view_id}: no other view made good what it was to show", view_id=view_id)
-        for view_id in missing
+    stops = [
+        *_too_little_verified(evaluated, verified_share, min_coverage),
+        *_not_made_good(samples, views, planned),
+        *_too_little(short),
     ]
-    stops += _too_little(short)
-    is_failed = any(one.verdict is Verdict.FAIL for one in placed)
-    # Findings against the part come first, whatever else is open.
-    reasons = [
-        one.sentence(solid)
-        if one.verdict is Verdict.FAIL
-        else say("unconfirmed: {sentence}", sentence=one.sentence(solid))
-        for one in placed
-        if one.verdict is Verdict.FAIL or not is_failed
-    ]
-    if is_failed:
-        verdict = Verdict.FAIL
-    elif placed or stops:
-        verdict = Verdict.INDETERMINATE
-        reasons += stops
-    else:
-        verdict = Verdict.PASS
-        reasons.append(
-            say(
-                "{compared_percent:.1f} % of the surface compared in "
-                "{evaluated_count} views: {claim}",
-                compared_percent=100 * compared_share,
-                evaluated_count=len(evaluated),
-                claim=claim,
-            )
-        )
-        reasons += _by_edges(faces)
+    passed = say(
+        "{compared_percent:.1f} % of the surface compared in {evaluated_count} views: {claim}",
+        compared_percent=100 * compared_share,
+        evaluated_count=len(evaluated),
+        claim=claim,
+    )
+    verdict, reasons = _decided(solid, placed, stops, [passed, *_by_edges(faces)])
     reasons += [failure for view in views for failure in view.failures]
     reasons += _cautions(samples, faces, limits, not_inspected)
     return PartVerdict(
@@ -249,6 +219,43 @@ def judge(
         short_faces=tuple(f.face_id for f in short), compared_U=uncertainty_of(samples, compared),
         verified_fraction=verified_share,
     )  # fmt: skip
+
+
+def _decided(
+    solid: Solid, placed: Sequence[PlacedFinding], stops: Sequence[str], passed: Sequence[str]
+) -> tuple[Verdict, list[str]]:
+    """Return the verdict and its reasons: findings against the part first, whatever else is open.
+
+    Parameters
+    ----------
+    solid : the part
+    placed : all findings
+    stops : what else stops a PASS, in sentences
+    passed : what a PASS rests on, in sentences
+    """
+    failed = [one.sentence(solid) for one in placed if one.verdict is Verdict.FAIL]
+    if failed:
+        return Verdict.FAIL, failed
+    if placed or stops:
+        open_ones = (say("unconfirmed: {sentence}", sentence=one.sentence(solid)) for one in placed)
+        return Verdict.INDETERMINATE, [*open_ones, *stops]
+    return Verdict.PASS, list(passed)
+
+
+def _too_little_verified(
+    evaluated: Sequence[ViewResult], verified_share: float, min_coverage: float
+) -> list[str]:
+    """Return what stops a PASS: a share verified that is not what is required, as a sentence."""
+    if evaluated and verified_share >= min_coverage:
+        return []
+    return [
+        say(
+            "{verified_percent:.1f} % of what can be seen is verified, "
+            "{min_coverage_percent:.1f} % is required",
+            verified_percent=100 * verified_share,
+            min_coverage_percent=100 * min_coverage,
+        )
+    ]
 
 
 def _too_little(short: Sequence[FaceVerdict]) -> list[str]:
@@ -542,7 +549,7 @@ def _is_same_place(finding: Finding, other: Finding) -> bool:
 def _not_made_good(
     samples: SurfaceSamples, views: Sequence[ViewResult], planned: Mapping[str, BoolArray]
 ) -> list[str]:
-    """Return the views with failed checks whose surface no other view has in sight."""
+    """Return what stops a PASS: views with failed checks whose surface no other has in sight."""
     out: list[str] = []
     for view in views:
         if not view.failures:
@@ -555,7 +562,10 @@ def _not_made_good(
             wanted = planned.get(view.view_id, np.ones(len(samples.points_mm), dtype=bool))
         whole = float(samples.areas_mm2[wanted].sum())
         if whole and float(samples.areas_mm2[wanted & others].sum()) < MADE_GOOD_SHARE * whole:
-            out.append(say("view {view_id} failed", view_id=view.view_id))
+            failed = say("view {view_id} failed", view_id=view.view_id)
+            out.append(
+                say("{view_id}: no other view made good what it was to show", view_id=failed)
+            )
     return out
 
 
