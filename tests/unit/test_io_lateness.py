@@ -38,7 +38,9 @@ class WaitingTime:
 
 
 class Block:
-    """A block of which every reading is answered by the test."""
+    """A block of which every reading is answered by the test; nothing records its line."""
+
+    tap = None
 
     def __init__(self, clock: CellClock) -> None:
         self.clock = clock
