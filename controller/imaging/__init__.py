@@ -18,7 +18,7 @@ from .levels import Ground, Levels, fit_ground
 from .loops import evenly, loop_normals, signed_area, trace_loops
 from .maps import Roi, ViewMaps, meet_part, render_maps, view_roi
 from .rays import RayCaster
-from .sampling import sample_picture
+from .sampling import sample_picture, slopes_of
 
 __all__ = [
     "Camera",
@@ -44,6 +44,7 @@ __all__ = [
     "rotation_angle",
     "sample_picture",
     "signed_area",
+    "slopes_of",
     "step_heights",
     "subpixel_contour",
     "threshold_levels",

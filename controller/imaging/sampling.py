@@ -8,6 +8,7 @@ from cv2.typing import MatLike
 
 from controller.arrays import Float32Array, FloatArray
 
+SLOPE_BLUR_PX: Final = 0.8  # blur before slopes are taken: that of a sharp lens, about
 MAX_SIDE: Final = 32_766  # OpenCV's remap takes maps below 2**15 - 1 each way
 
 
@@ -39,6 +40,14 @@ def sample_picture(
     pieces = [slice(start, start + MAX_SIDE) for start in starts]
     values = [_sampled(picture, flat_u[one], flat_v[one], border) for one in pieces]
     return np.concatenate(values).reshape(u.shape)
+
+
+def slopes_of(picture: MatLike) -> tuple[Float32Array, Float32Array]:
+    """Return the slopes (h, w) of a picture along x and along y, softened [grey / px]."""
+    soft = cv2.GaussianBlur(np.asarray(picture, np.float32), (0, 0), SLOPE_BLUR_PX)
+    dx = cv2.Sobel(soft, cv2.CV_32F, 1, 0, ksize=3) / 8
+    dy = cv2.Sobel(soft, cv2.CV_32F, 0, 1, ksize=3) / 8
+    return np.asarray(dx, np.float32), np.asarray(dy, np.float32)
 
 
 def _sampled(picture: MatLike, u: Float32Array, v: Float32Array, border: int) -> Float32Array:

@@ -144,6 +144,11 @@ class PartFacts:
     codes_mm: tuple[FloatArray, ...] = ()
     free_turn: FreeTurn | None = None
 
+    @property
+    def is_turn_open(self) -> bool:
+        """Nothing is known of its turn about an axis yet."""
+        return self.free_turn is not None and not self.free_turn.is_shown
+
 
 NO_FACTS: Final = PartFacts()
 

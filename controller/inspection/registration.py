@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
-from controller.imaging import sample_picture
+from controller.imaging import sample_picture, slopes_of
 
 REACH_PX: Final = 9.0  # reach to either side: a picture may lie some pixels off
 STEP_PX: Final = 0.5
@@ -130,7 +130,6 @@ def _steps(
 
 SEARCHED_PX: Final = 7.0  # reach of the search to either side
 SHIFT_STEP_PX: Final = 0.5
-SOFT_PX: Final = 0.8
 CAPPED: Final = 10.0  # cap in noises of slopes: a few strong edges do not outvote the others
 STEP_NOISES: Final = 3.0  # least height of a step, in standard deviations of its surroundings
 MIN_SHOWN_GREY: Final = 1.5  # least height of a step, in grey levels of eight bits
@@ -255,9 +254,7 @@ def _scored(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> _Scores:
     x0, y0 = (np.floor(edge_px.min(axis=0) - SEARCHED_PX - 4)).astype(int)
     x1, y1 = (np.ceil(edge_px.max(axis=0) + SEARCHED_PX + 5)).astype(int)
     x0, y0 = max(x0, 0), max(y0, 0)
-    soft = cv2.GaussianBlur(picture[y0:y1, x0:x1].astype(np.float32), (0, 0), SOFT_PX)
-    dx = cv2.Sobel(soft, cv2.CV_32F, 1, 0, ksize=3) / 8
-    dy = cv2.Sobel(soft, cv2.CV_32F, 0, 1, ksize=3) / 8
+    dx, dy = slopes_of(picture[y0:y1, x0:x1])
     shifts = np.arange(-SEARCHED_PX, SEARCHED_PX + SHIFT_STEP_PX / 2, SHIFT_STEP_PX)
     sx, sy = (s.ravel() for s in np.meshgrid(shifts, shifts))
     u, v = edge_px[:, :1] - x0 + sx, edge_px[:, 1:] - y0 + sy

@@ -43,7 +43,7 @@ from .lit import Finish, Polish, finish_of
 from .view import NotEvaluated, Strictness, compare_view, outline_view
 
 outlined_view = stage_of(outline_view)
-turned_views = stage_of(settle_turn)
+turned_views = stage_of(settle_turn)  # of all grasps in which its turn is one guess
 grasp_pose = stage_of(fit_grasp)  # of all views of the grasp that have an outline
 compared_view = stage_of(compare_view)  # large, and forgotten once there is a result
 dimensions_sought = stage_of(seek_all)
@@ -199,8 +199,7 @@ class PosedViews:
             pose = self.pose(one.view.task.view_id)
             if pose is None or lamps == () or not isinstance(one, OutlinedView):
                 continue
-            free = one.task.facts.free_turn
-            if free is None or free.is_shown:
+            if not one.task.facts.is_turn_open:
                 posed.append(posed_view(kept, one, pose, lamps))
         return tuple(posed)
 
@@ -251,13 +250,11 @@ def pose_views(views: ViewSet, settings: PoseSettings, kept: Kept | None = None)
 def _by_guess(
     grasps: Iterable[tuple[OutlinedView, ...]],
 ) -> Iterator[tuple[tuple[OutlinedView, ...], ...]]:
-    """Yield the grasps in which the part's turn is the same guess; each alone where it is known."""
+    """Yield the grasps in which the part's turn is the same guess."""
     guesses: dict[tuple[object, ...], tuple[tuple[OutlinedView, ...], ...]] = {}
     for mine in grasps:
         free = mine[0].task.facts.free_turn
-        if free is None:
-            yield (mine,)
-        else:
+        if free is not None:
             same = free.is_shown, free.axis.tobytes(), free.through_mm.tobytes()
             guesses[same] = (*guesses.get(same, ()), mine)
     yield from guesses.values()

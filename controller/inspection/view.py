@@ -198,8 +198,7 @@ def locate_view(
     if isinstance(outlined, NotEvaluated):
         return outlined
     strictness = Strictness()
-    free = task.facts.free_turn
-    if free is not None and not free.is_shown:
+    if task.facts.is_turn_open:
         others = (one for one in map(outline_view, before) if isinstance(one, OutlinedView))
         views = (*((one,) for one in others), (outlined,))  # the hold may be known better by now
         *_, (outlined,) = settle_turn(part, views, strictness.pose)
@@ -382,7 +381,7 @@ def check_view(
     fit = None if pose is None else _as_fit(part, outlined, pose)
     if pose is None or fit is None:
         return NotEvaluated(view, key("no outline of the part where it should be"))
-    if task.facts.free_turn is not None and not task.facts.free_turn.is_shown:
+    if task.facts.is_turn_open:
         reason = key("nothing in it shows how far the part is turned about its axis")
         return NotEvaluated(view, reason, pose.T_world_part_measured)
     refusal = _pose_refusal(fit, *moved(part, task, fit), limits)

@@ -10,7 +10,7 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad.compiled import CompiledPart
 from controller.config import ConfigError
-from controller.config.view_set import PoseRows, SetCamera, SetTurn, SetView, ViewSetFile, unpacked
+from controller.config.view_set import PoseRows, SetCamera, SetView, ViewSetFile, unpacked
 from controller.imaging import Camera, inverse_pose, rotation_angle, transform
 from controller.inspection import (
     InspectionLimits,
@@ -24,8 +24,8 @@ from controller.inspection import (
     ViewTask,
     WorldBox,
 )
-from controller.recognition import FreeTurn
 from controller.setup.optics import build_light, light_corners
+from controller.setup.turns import free_turn_of
 
 # The expected pose of the part and the boxes of the gripper come from the same joints, so that
 # within one grasp they agree to the arm's errors, some tenths at most. A regrasp moves a gripper by
@@ -224,17 +224,8 @@ def _task(file: ViewSetFile, view: SetView, camera: Camera, limits: InspectionLi
         is_hold_measured=view.is_hold_measured,
         facts=PartFacts(
             tuple(np.array(corners) for corners in file.codes_mm or ()),
-            None if view.free_turn is None else _free_turn(view.free_turn),
+            free_turn_of(view.free_turn),
         ),
-    )
-
-
-def _free_turn(turn: SetTurn) -> FreeTurn:
-    return FreeTurn(
-        np.array(turn.axis),
-        np.array(turn.through_mm),
-        np.radians(turn.same_deg),
-        turn.is_shown,
     )
 
 

@@ -23,7 +23,7 @@ from controller.cell.services.records import PartInGripper, PartRecord, Shown
 from controller.config import EMULATED_CELL, find_recipe, load_cell, load_recipe
 from controller.config.view_set import load_view_set
 from controller.imaging import inverse_pose
-from controller.inspection import ViewResult, ViewTask
+from controller.inspection import PartFacts, ViewResult, ViewTask
 from controller.planning import shown_pose
 from controller.planning.motion import tcp_pose
 from controller.recognition import FreeTurn
@@ -176,14 +176,15 @@ def test_views_before_a_turn_was_shown_are_restated_by_the_hold_that_showed_it(
     guess = np.eye(4)
     guess[:3, 3] = 3.1, -2.7, 11.3
     hold = PartInGripper(SimpleNamespace(), guess, 31.7, is_measured=True)  # type: ignore[arg-type]  # no grasp is read
-    before = replace(shown_with(hold, layout, "V1", Q), free_turn=free)
+    before = replace(shown_with(hold, layout, "V1", Q), facts=PartFacts(free_turn=free))
     alone = shown_with(PartInGripper(hold.grasp, guess, 31.7), layout, "W1", Q)
     # a view shows the turn: the hold is another one from now on
     hold.T_part_tcp = inverse_pose(free.by(2.0)) @ guess
     after = replace(
-        shown_with(hold, layout, "V2", Q + 0.01), free_turn=replace(free, is_shown=True)
+        shown_with(hold, layout, "V2", Q + 0.01),
+        facts=PartFacts(free_turn=replace(free, is_shown=True)),
     )
-    shown = [before, after, replace(alone, free_turn=free)]
+    shown = [before, after, replace(alone, facts=PartFacts(free_turn=free))]
     files = {one.view: {"station_backlight": "a.png", "station_ring": "b.png"} for one in shown}
     part = PartRecord(number=1, pending=shown, files=files)
     product = product_of(Compute(JOB, None), recipe, cell)  # type: ignore[arg-type]  # not asked

@@ -7,7 +7,13 @@ import cv2
 import numpy as np
 
 from controller.imaging import render_maps, view_roi
-from controller.recognition.fitting import RIM_PX, TurnPictures, likeliest_turn, refined_turn
+from controller.recognition.fitting import (
+    RIM_PX,
+    FreeTurn,
+    TurnPictures,
+    likeliest_turn,
+    refined_turn,
+)
 
 from .._pose import PosedPart
 from ._joint import fit_grasp
@@ -19,7 +25,7 @@ Grasps = tuple[tuple[OutlinedView, ...], ...]
 def settle_turn(part: PosedPart, grasps: Grasps, settings: PoseSettings) -> Grasps:
     """Return views, grasp by grasp, expected at the turn that their lit pictures show.
 
-    Unchanged where the turn is known, and where the pictures leave it open. Grasps are looked at
+    Unchanged where the pictures leave it open. Grasps are looked at
     until they are sure of it; each has its own about that, since round jaws let a round part turn.
 
     Parameters
@@ -29,9 +35,8 @@ def settle_turn(part: PosedPart, grasps: Grasps, settings: PoseSettings) -> Gras
     settings : prior knowledge of arm, parts and light
     """
     free = grasps[0][0].task.facts.free_turn
-    if free is None:
-        return grasps
-    looks = [_looks(part, views, settings) for views in grasps]
+    assert free is not None
+    looks = [_looks(part, free, views, settings) for views in grasps]
     turn = likeliest_turn(free, looks[0])
     for count in range(2, len(looks) + 1):
         if turn.is_sure:
@@ -39,7 +44,7 @@ def settle_turn(part: PosedPart, grasps: Grasps, settings: PoseSettings) -> Gras
         turn = likeliest_turn(free, [look for mine in looks[:count] for look in mine])
     if not turn.is_decided:
         return grasps
-    turns = (refined_turn(free, mine, turn.turn_rad) for mine in looks)
+    turns = (refined_turn(mine, turn.turn_rad) for mine in looks)
     return tuple(
         tuple(_known(view.turned(free.by(own))) for view in views)
         for own, views in zip(turns, grasps, strict=True)
@@ -47,12 +52,12 @@ def settle_turn(part: PosedPart, grasps: Grasps, settings: PoseSettings) -> Gras
 
 
 def _looks(
-    part: PosedPart, views: Sequence[OutlinedView], settings: PoseSettings
+    part: PosedPart, free: FreeTurn, views: Sequence[OutlinedView], settings: PoseSettings
 ) -> list[TurnPictures]:
     """Return the lit pictures of a grasp's views in which the part is found."""
     fit = fit_grasp(part, views, settings)
     posed = [] if fit is None else [(view, fit.view(view.task.view_id)) for view in views]
-    found = (_look(part, view, pose) for view, pose in posed if pose is not None)
+    found = (_look(part, free, view, pose) for view, pose in posed if pose is not None)
     return [look for look in found if look is not None]
 
 
@@ -61,7 +66,9 @@ def _known(view: OutlinedView) -> OutlinedView:
     return view.with_task(replace(view.task, facts=facts))
 
 
-def _look(part: PosedPart, view: OutlinedView, pose: ViewPose) -> TurnPictures | None:
+def _look(
+    part: PosedPart, free: FreeTurn, view: OutlinedView, pose: ViewPose
+) -> TurnPictures | None:
     """Return a view's lit pictures, cut to the part at its pose; None if it is out of sight."""
     camera, T_world_part = view.task.camera, pose.T_world_part_measured
     roi = view_roi(np.asarray(part.solid.mesh.vertices), T_world_part, camera, RIM_PX)
@@ -72,4 +79,4 @@ def _look(part: PosedPart, view: OutlinedView, pose: ViewPose) -> TurnPictures |
     rim = np.ones((2 * RIM_PX + 1,) * 2, np.uint8)
     inside = np.asarray(cv2.erode(own, rim) > 0) & ~view.scene.holder_mask[y0:y1, x0:x1]
     crops = tuple(picture[y0:y1, x0:x1] for picture in view.view.pictures.lit.values())
-    return TurnPictures(part.edges, T_world_part, camera, crops, (x0, y0), inside)
+    return TurnPictures(free, part.edges, T_world_part, camera, crops, (x0, y0), inside)

@@ -10,7 +10,7 @@ from ._difference import difference
 from ._identify import Identification, apart, compare, discriminate, edges_shown
 from ._measured import measured_picture
 from ._offer import offered_views
-from ._pictures import EdgePicture, Stance, predict
+from ._pictures import EdgePicture, Stance, box_caster, predict
 from ._rules import DisambiguationRules
 from ._separate import (
     HypothesisModel,
@@ -43,6 +43,7 @@ __all__ = [
     "Separations",
     "Stance",
     "apart",
+    "box_caster",
     "cheapest_tree",
     "compare",
     "difference",

@@ -171,10 +171,14 @@ def see_boxes(boxes: Sequence[Box], camera: Camera, roi: Roi, step_px: int) -> V
     roi : region of the picture that is asked for
     step_px : step of its pixels, every so many are looked at
     """
+    return render_maps(box_caster(boxes), np.eye(4), camera, roi, step_px)
+
+
+def box_caster(boxes: Sequence[Box]) -> RayCaster:
+    """Return ray casting against boxes in the world, at least one."""
     corners = [(_CORNERS * b.half_mm) @ b.T[:3, :3].T + b.T[:3, 3] for b in boxes]
     triangles = np.vstack([_TRIANGLES + 8 * k for k in range(len(boxes))])
-    caster = RayCaster(trimesh.Trimesh(np.vstack(corners), triangles, process=False))
-    return render_maps(caster, np.eye(4), camera, roi, step_px)
+    return RayCaster(trimesh.Trimesh(np.vstack(corners), triangles, process=False))
 
 
 def stance_of(

@@ -356,18 +356,16 @@ class Builder:
         """
         grasp, scene = self._part.arm_grasps[g], self._carrying(self._part.arm_grasps[g])
 
-        def is_seen(v: int, k: int) -> bool:
-            q = views[v][k]
+        def is_seen(q: FloatArray) -> bool:
             T = shown_pose(self._layout, q, grasp.T_part_tcp)
             return shows_outline(self._layout, scene, q, self._part.solid.hull_mm, T)
 
-        views: Mapping[int, FloatArray] = todo
-        if is_seen(*first):
+        if is_seen(todo[first[0]][first[1]]):
             return first
         for views in (todo, self._part.view_q[g]):
-            every = [(v, k) for v, q in views.items() for k in range(len(q))]
-            every.sort(key=lambda one: float(self._segment_s(build.q, views[one[0]][one[1]])))
-            found = next((one for one in every if is_seen(*one)), None)
+            every = [(v, k, q) for v, rows in views.items() for k, q in enumerate(rows)]
+            every.sort(key=lambda one: float(self._segment_s(build.q, one[2])))
+            found = next(((v, k) for v, k, q in every if is_seen(q)), None)
             if found is not None:
                 return found
         return first

@@ -9,9 +9,10 @@ from typing import Final
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray
-from controller.imaging import Camera, transform
+from controller.arrays import FloatArray
+from controller.imaging import transform
 
+from ..disambiguation import box_caster
 from ..model import CellLayout
 from ..motion import Scene
 
@@ -20,9 +21,6 @@ from ..motion import Scene
 CLEAR_SHARE: Final = 0.3
 BESIDE_PX: Final = 4.0  # a point beside the outline has to show what is behind it
 RIM_COUNT: Final = 72  # points of the outline that are looked at
-BEFORE_MM: Final = 1.0  # what is not before the camera is in no picture
-
-_CORNERS: Final = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
 
 def shows_outline(
@@ -41,11 +39,9 @@ def shows_outline(
     camera = layout.inspection
     rim = _rim(camera.project(transform(T_world_part, hull_mm)))
     width, height = camera.size_px
-    clear: BoolArray = np.asarray(((rim > 0) & (rim < (width, height))).all(axis=1))
-    for box in scene.arm_boxes(q):
-        corners = transform(box.T, _CORNERS * box.half_mm)
-        if _is_before(camera, corners):
-            clear &= ~_within(rim, camera.project(corners))
+    in_picture = ((rim > 0) & (rim < (width, height))).all(axis=1)
+    arm = box_caster(scene.arm_boxes(q))
+    clear = in_picture & ~arm.blocked(camera.position_mm, camera.sight_lines(rim))
     return float(clear.mean()) >= CLEAR_SHARE
 
 
@@ -61,14 +57,3 @@ def _rim(pixels: FloatArray) -> FloatArray:
     away = points - hull.mean(axis=0)
     away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
     return np.asarray(points + BESIDE_PX * away)
-
-
-def _is_before(camera: Camera, points_mm: FloatArray) -> bool:
-    depth_mm = (points_mm - camera.position_mm) @ camera.T_world_cam[:3, 2]
-    return bool(depth_mm.min() > BEFORE_MM)
-
-
-def _within(points: FloatArray, corners: FloatArray) -> BoolArray:
-    """Return a mask of points (k, 2) within the convex hull of others."""
-    hull = cv2.convexHull(corners.astype(np.float32))
-    return np.array([cv2.pointPolygonTest(hull, (x, y), False) >= 0 for x, y in points.tolist()])

@@ -7,13 +7,14 @@ weighed by how unusual the slopes of the pictures are where it puts edges.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, Grey, IntArray
-from controller.imaging import Camera, sample_picture, transform
+from controller.arrays import BoolArray, Float32Array, FloatArray, Grey, IntArray
+from controller.imaging import Camera, sample_picture, slopes_of, transform
 
 from ._fit import twist
 from ._model import EdgeModel
@@ -21,6 +22,7 @@ from ._predict import ModelEdgePoints, predict_edges
 
 COMMON_RAD: Final = np.radians(15.0)  # between turns that are asked which edges all of them have
 STEP_RAD: Final = np.radians(3.0)  # of the search: edges of other turns are a pixel or more apart
+TURNS: Final = np.arange(-np.pi, np.pi - STEP_RAD / 2, STEP_RAD)
 FINE_RAD: Final = np.radians(0.5)  # of the search about the best one
 # Turns this near the best one show the same edges, a little off: by one view alone the turn of a
 # shaft was off by 5 degrees at most.
@@ -30,7 +32,6 @@ SAME_RAD: Final = np.radians(9.0)
 DECIDED: Final = 20.0
 SURE: Final = 100.0  # a lead of two or three good views
 SPUN_RAD: Final = np.radians(3.0)  # a round part turned so far in round jaws that took it over
-SOFT_PX: Final = 0.8  # blur before slopes are taken
 NEAR_PX: Final = 1.5  # distance from its prediction within which an edge is looked for
 AT_PX: Final = 0.5  # the same about the best turn: an edge is where it is
 RIM_PX: Final = 4  # what lies nearer to the outline is its slope, not an edge inside
@@ -70,12 +71,13 @@ class FreeTurn:
         return np.asarray((off <= SAME_RAD).any(axis=1))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class TurnPictures:
     """Pictures under lamps, from one place, of a part whose turn is sought.
 
     Attributes
     ----------
+    free : the axis
     model : edges of the part
     T_world_part : (4, 4) its pose at turn 0
     camera : of the pictures
@@ -84,6 +86,7 @@ class TurnPictures:
     inside : (h, w) mask of the part's pixels, its rim and what may hide it left out
     """
 
+    free: FreeTurn
     model: EdgeModel
     T_world_part: FloatArray
     camera: Camera
@@ -91,66 +94,72 @@ class TurnPictures:
     corner_px: tuple[int, int]
     inside: BoolArray
 
-    def log_odds(
-        self, free: FreeTurn, turns_rad: FloatArray, near_px: float, least: float = -np.inf
-    ) -> FloatArray:
+    @cached_property
+    def odds(self) -> FloatArray:
+        """Log-odds of each of `TURNS`."""
+        return self.log_odds(TURNS, NEAR_PX)
+
+    def log_odds(self, turns_rad: FloatArray, near_px: float, least: float = -np.inf) -> FloatArray:
         """Return the log-odds (k,) of turns against "no edge where it puts them".
 
         Parameters
         ----------
-        free : the axis
-        turns_rad : (k,) about it
+        turns_rad : (k,) about the axis
         near_px : distance from its prediction within which an edge is looked for
         least : least log-odds of an edge; 0 where one that does not show says nothing
         """
-        everywhere = self._everywhere(free)
-        edges = [self._telling(free, turn, everywhere) for turn in turns_rad.tolist()]
+        edges = [self._telling(turn) for turn in turns_rad.tolist()]
         normals = np.concatenate([one.normals for one in edges])
         y, x = np.nonzero(self.inside)
         if len(x) == 0 or len(normals) == 0:
             return np.zeros(len(turns_rad))
-        slopes = [_slopes(picture) for picture in self.pictures]
         # evenly over the part and over all directions that edges may have
         at = np.linspace(0, len(x) - 1, CHANCE_COUNT).astype(np.intp)
         along = normals[np.arange(CHANCE_COUNT) * len(normals) // CHANCE_COUNT]
-        usual = np.sort(_strongest(slopes, np.column_stack([x[at], y[at]]), along, near_px))
+        usual = np.sort(_strongest(self._slopes, np.column_stack([x[at], y[at]]), along, near_px))
         pixel_mm = self.camera.mm_per_px(
             transform(self.T_world_part, self.model.centroid_mm[None])[0]
         )
         found = np.zeros(len(turns_rad))
         for k, one in enumerate(edges):
-            here = _strongest(slopes, one.pixels - np.array(self.corner_px), one.normals, near_px)
+            places = one.pixels - np.array(self.corner_px)
+            here = _strongest(self._slopes, places, one.normals, near_px)
             above = 1.0 - np.searchsorted(usual, here) / CHANCE_COUNT
             share = np.maximum(above, 1.0 / CHANCE_COUNT)
             odds = np.log(EDGE_POWER) + (EDGE_POWER - 1.0) * np.log(share)
             found[k] = np.maximum(odds, least).sum() * one.step_mm / pixel_mm / PIECE_PX
         return found
 
-    def _everywhere(self, free: FreeTurn) -> BoolArray:
-        """Return the mask (h, w) of pixels with an edge at most turns, which tell none of them."""
+    @cached_property
+    def _slopes(self) -> tuple[tuple[Float32Array, Float32Array], ...]:
+        return tuple(slopes_of(picture) for picture in self.pictures)
+
+    @cached_property
+    def _everywhere(self) -> BoolArray:
+        """Mask (h, w) of the pixels with an edge at most turns, which tell none of them."""
         turns = np.arange(0.0, 2 * np.pi, COMMON_RAD)
         about = np.ones((2 * round(NEAR_PX) + 1,) * 2, np.uint8)
         counts = np.zeros(self.inside.shape, dtype=np.int64)
         for turn in turns.tolist():
             hit = np.zeros(self.inside.shape, dtype=np.uint8)
-            x, y = self._pixels(self._edges(free, turn)).T
+            x, y = self._pixels(self._edges(turn)).T
             hit[y, x] = 1
             counts += cv2.dilate(hit, about) > 0
         return np.asarray(2 * counts > len(turns))
 
-    def _telling(self, free: FreeTurn, turn_rad: float, everywhere: BoolArray) -> ModelEdgePoints:
-        """Return the edges at a turn that are not there at any other one as well."""
-        edges = self._edges(free, turn_rad)
+    def _telling(self, turn_rad: float) -> ModelEdgePoints:
+        """Return the edges at a turn that are not there at most others as well."""
+        edges = self._edges(turn_rad)
         x, y = self._pixels(edges).T
-        return edges.at(~everywhere[y, x])
+        return edges.at(~self._everywhere[y, x])
 
     def _pixels(self, edges: ModelEdgePoints) -> IntArray:
         """Return the pixels (n, 2) of edges in the crops."""
         return np.asarray(np.round(edges.pixels).astype(np.int64) - np.array(self.corner_px))
 
-    def _edges(self, free: FreeTurn, turn_rad: float) -> ModelEdgePoints:
+    def _edges(self, turn_rad: float) -> ModelEdgePoints:
         """Return the edges inside the outline, where nothing else may be seen."""
-        T_world_part = self.T_world_part @ free.by(turn_rad)
+        T_world_part = self.T_world_part @ self.free.by(turn_rad)
         edges = predict_edges(self.model, T_world_part, self.camera, SAMPLE_COUNT)
         x, y = self._pixels(edges).T
         height, width = self.inside.shape
@@ -184,59 +193,47 @@ def likeliest_turn(free: FreeTurn, views: Sequence[TurnPictures]) -> Turn:
     free : the axis
     views : of the part, at one turn in all of them
     """
-    turns = np.arange(-np.pi, np.pi - STEP_RAD / 2, STEP_RAD)
-    odds = _of_all(free, views, turns, NEAR_PX)
-    best = float(turns[int(odds.argmax())])
-    others = odds[~free.is_same(turns, best)]
+    odds = np.zeros(len(TURNS))
+    for view in views:
+        odds += view.odds
+    best = float(TURNS[int(odds.argmax())])
+    others = odds[~free.is_same(TURNS, best)]
     lead = float(odds.max() - others.max(initial=0.0))
     if lead < DECIDED and free.is_shown:
         return Turn(0.0, is_decided=True, is_sure=False)
     return Turn(best, is_decided=lead >= DECIDED, is_sure=lead >= SURE)
 
 
-def refined_turn(free: FreeTurn, views: Sequence[TurnPictures], near_rad: float) -> float:
+def refined_turn(views: Sequence[TurnPictures], near_rad: float) -> float:
     """Return the turn [rad] of the part in one grasp, near that of other ones.
 
     Parameters
     ----------
-    free : the axis
     views : of the grasp
     near_rad : turn of the part before it was handed over, or roughly
     """
     about = np.arange(-SAME_RAD, SAME_RAD + FINE_RAD, 2 * FINE_RAD)
-    # the same edges are in sight at all of these turns: which do not show tells none of them
-    odds = _of_all(free, views, near_rad + about, NEAR_PX, 0.0) - 0.5 * (about / SPUN_RAD) ** 2
+    odds = _found_by(views, near_rad + about, NEAR_PX) - 0.5 * (about / SPUN_RAD) ** 2
     best = near_rad + float(about[int(odds.argmax())])
     fine = best + np.arange(-STEP_RAD, STEP_RAD + FINE_RAD / 2, FINE_RAD)
-    odds = _of_all(free, views, fine, AT_PX, 0.0)
+    odds = _found_by(views, fine, AT_PX)
     weight = np.exp(odds - odds.max())
     return float(weight @ fine / weight.sum())
 
 
-def _of_all(
-    free: FreeTurn,
-    views: Sequence[TurnPictures],
-    turns_rad: FloatArray,
-    near_px: float,
-    least: float = -np.inf,
-) -> FloatArray:
+def _found_by(views: Sequence[TurnPictures], turns_rad: FloatArray, near_px: float) -> FloatArray:
+    """Return the log-odds (k,) of turns near each other by the edges that show.
+
+    The same edges are in sight at all of them: which do not show tells none of them.
+    """
     found = np.zeros(len(turns_rad))
     for view in views:
-        found += view.log_odds(free, turns_rad, near_px, least)
+        found += view.log_odds(turns_rad, near_px, 0.0)
     return found
 
 
-def _slopes(picture: Grey) -> tuple[FloatArray, FloatArray]:
-    """Return the slopes of a picture along x and along y [grey / px]."""
-    soft = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), SOFT_PX)
-    along_x, along_y = (
-        cv2.Sobel(soft, cv2.CV_32F, int(k == 0), int(k == 1), ksize=3) / 8 for k in range(2)
-    )
-    return np.asarray(along_x), np.asarray(along_y)
-
-
 def _strongest(
-    slopes: Sequence[tuple[FloatArray, FloatArray]],
+    slopes: Sequence[tuple[Float32Array, Float32Array]],
     pixels: FloatArray,
     normals: FloatArray,
     near_px: float,

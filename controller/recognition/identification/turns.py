@@ -63,11 +63,11 @@ def _settled(h: Hypothesis, cutout: ObjectCutout) -> Hypothesis | None:
     free = FreeTurn(entry.pose(h.pose).R[2], _through(fits, entry.centroid_mm), same_rad)
     if not cutout.is_lit:
         return replace(fits[0], free_turn=free)
-    views = [_lit(h, cutout)]
+    views = [_lit(h, free, cutout)]
     found = likeliest_turn(free, views)
     if not found.is_decided:
         return replace(fits[0], free_turn=free)
-    return _turned(h, refined_turn(free, views, found.turn_rad), cutout)
+    return _turned(h, refined_turn(views, found.turn_rad), cutout)
 
 
 def _turned(h: Hypothesis, turn_rad: float, cutout: ObjectCutout) -> Hypothesis | None:
@@ -90,9 +90,10 @@ def _through(fits: Sequence[Hypothesis], centroid_mm: FloatArray) -> FloatArray:
     return np.asarray(centroid_mm - solution[2:])
 
 
-def _lit(h: Hypothesis, cutout: ObjectCutout) -> TurnPictures:
+def _lit(h: Hypothesis, free: FreeTurn, cutout: ObjectCutout) -> TurnPictures:
     """Return an object's pictures under lamps, in which a hypothesis may be turned."""
     return TurnPictures(
+        free,
         cutout.library.model(h.part),
         h.fit.T_world_part,
         cutout.camera,

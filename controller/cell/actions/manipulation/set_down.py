@@ -43,7 +43,7 @@ class SetDownAction:
         intent = Intent(name=Once.SET_DOWN, pose_index=step.pose_index)
         await self.grippers.let_go(intent, step.open_mm, step.motion_up)
         part = self.record.part
-        part.laid = None if part.is_turn_open else step.T_world_part
+        part.laid = None if part.facts.is_turn_open else step.T_world_part
         await self.record.set_custody(Custody.ON_TABLE, key("set down"))
         await self.motion.follow(step.motion_up)
         self.steps.end(step, started_s)

@@ -47,9 +47,8 @@ class PresentAction:
 
         After each new grasp the pose of the part in the first view has to be known before the
         second is taken: it verifies the grasp. So has that in each view until one shows a turn that
-        the table left open. In a plan made after a recovery, views that would
-        show nothing new are skipped; so are, once the grasp is verified, views that have failed too
-        often in this batch.
+        the table left open. In a plan made after a recovery, views that would show nothing new are
+        skipped; so are, once the grasp is verified, views that have failed too often in this batch.
 
         Raises
         ------
@@ -74,7 +73,7 @@ class PresentAction:
                 self.views.take_ready()
                 if (
                     not hold.is_measured
-                    or self.record.part.is_turn_open
+                    or self.record.part.facts.is_turn_open
                     or self.views.is_hold_questioned()
                 ):
                     break

@@ -5,6 +5,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from controller.config.view_set import SetTurn
 from messages.fields import Sentence
 
 from ._body import Body, Box, Fields, Matrix, TextByName
@@ -112,14 +113,6 @@ class OtherHypothesis(Fields):
     T_world_part: Matrix | None = None
 
 
-class FreeTurnFields(Fields):
-    """An axis in the CAD frame about which a part's turn is not known."""
-
-    axis: tuple[float, float, float]
-    through_mm: tuple[float, float, float]
-    same_deg: tuple[float, ...]
-
-
 class SightingFields(Fields):
     """An object on the table."""
 
@@ -142,7 +135,7 @@ class SightingFields(Fields):
     is_cut: bool = False
     lies_on: tuple[int, ...] = ()
     is_covered: bool = False
-    free_turn: FreeTurnFields | None = None
+    free_turn: SetTurn | None = None
 
 
 class Sightings(Body):

@@ -3,7 +3,7 @@
 The rows of this run are enough for the next one to continue from, should this one be killed too.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,8 @@ from controller.cell.journal import rows
 from controller.cell.machine import PARKING, Act, Event, PartFault, Recovery
 from controller.cell.recovery import Interrupted, Proposal
 from controller.inspection import PartVerdict, Verdict
-from controller.recognition import Alternative, FreeTurn, Sighting
+from controller.recognition import Alternative, Sighting
+from controller.setup.turns import free_turn_of
 from messages import say
 
 from ..motion import Motion
@@ -160,7 +161,8 @@ def _part(left: Interrupted) -> PartRecord:
     if left.sighting is not None:
         part.sighting = sighting_of(left.sighting)
         part.neighbours = left.neighbours
-        part.free_turn = part.sighting.free_turn  # a view shows it anew
+        if part.sighting.free_turn is not None:
+            part.free_turn = replace(part.sighting.free_turn, is_shown=False)  # it is shown anew
         if left.is_ambiguous:
             part.alternatives = part.sighting.ambiguous_with
     part.code = None if left.identified is None else left.identified.code
@@ -208,7 +210,6 @@ def _avoided(grasp: str) -> rows.GraspAvoided:
 def sighting_of(row: rows.SightingFields) -> Sighting:
     """Return the sighting on the table that a row describes, as far as the row goes."""
     T = None if row.T_world_part is None else np.array(row.T_world_part)
-    free = row.free_turn
     return Sighting(
         part=row.part,
         pose_index=row.pose_index,
@@ -238,9 +239,5 @@ def sighting_of(row: rows.SightingFields) -> Sighting:
         is_cut=row.is_cut,
         lies_on=row.lies_on,
         is_covered=row.is_covered,
-        free_turn=None if free is None else _free_turn(free),
+        free_turn=free_turn_of(row.free_turn),
     )
-
-
-def _free_turn(row: rows.FreeTurnFields) -> FreeTurn:
-    return FreeTurn(np.array(row.axis), np.array(row.through_mm), np.radians(row.same_deg))

@@ -17,7 +17,8 @@ from controller.inspection.characteristics import (
     RimGeometry,
 )
 from controller.planning import Plan
-from controller.recognition import FreeTurn, Sighting
+from controller.recognition import Sighting
+from controller.setup.turns import turn_section
 
 from .holds import matrix
 from .part import merged
@@ -87,16 +88,8 @@ def _sighting(s: Sighting) -> rows.SightingFields:
         is_cut=s.is_cut,
         lies_on=s.lies_on,
         is_covered=s.is_covered,
-        free_turn=_free_turn(s.free_turn),
+        free_turn=turn_section(s.free_turn),
     )
-
-
-def _free_turn(free: FreeTurn | None) -> rows.FreeTurnFields | None:
-    if free is None:
-        return None
-    (ax, ay, az), (x, y, z) = free.axis.tolist(), free.through_mm.tolist()
-    same_deg = tuple(np.degrees(free.same_rad).tolist())
-    return rows.FreeTurnFields(axis=(ax, ay, az), through_mm=(x, y, z), same_deg=same_deg)
 
 
 def view_row(

@@ -53,7 +53,7 @@ class Shown:
     lamps : lamps of its lit pictures
     is_hold_measured : the expected pose was measured in an earlier view
     T_part_tcp : (4, 4) grasp at that time; None for a part on the table
-    free_turn : axis about which the turn was not known then
+    facts : what was known of the part then besides its CAD model
     task : the result
     located : pose of the part, known sooner; None to take it from the result
     """
@@ -69,7 +69,7 @@ class Shown:
     T_part_tcp: FloatArray | None
     task: asyncio.Task[inspecting.ViewResult]
     located: asyncio.Task[Located] | None = None
-    free_turn: FreeTurn | None = None
+    facts: inspecting.PartFacts = inspecting.NO_FACTS
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,11 +188,6 @@ class PartRecord:
     def codes_mm(self) -> tuple[FloatArray, ...]:
         """The corners (4, 3) of the codes known to be on it, in the part frame."""
         return tuple(self.coded.values())
-
-    @property
-    def is_turn_open(self) -> bool:
-        """Nothing is known of its turn about an axis yet."""
-        return self.free_turn is not None and not self.free_turn.is_shown
 
     @property
     def facts(self) -> inspecting.PartFacts:

@@ -101,7 +101,7 @@ def judge_held(
         T_part_tcp=known.T_part_tcp,
         task=begin(background.put(compute.inspect, *asked)),
         located=located,
-        free_turn=facts.free_turn,
+        facts=facts,
     )
 
 
@@ -144,5 +144,5 @@ def judge_on_table(
         is_hold_measured=True,
         T_part_tcp=None,
         task=begin(counted()),
-        free_turn=facts.free_turn,
+        facts=facts,
     )

@@ -21,7 +21,6 @@ from controller.config.view_set import (
     SetBox,
     SetCalibration,
     SetCamera,
-    SetTurn,
     SetView,
     ViewSetFile,
     packed,
@@ -31,8 +30,8 @@ from controller.inspection import MEASURED_HOLD, PLANNED_HOLD, WorldBox
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
-from controller.recognition import FreeTurn
 from controller.setup.optics import light_of, table_light
+from controller.setup.turns import turn_section
 
 SAME_HOLD: Final = 1e-6  # rounding of pose products between a hold and the pose it was learned from
 
@@ -145,7 +144,7 @@ class PartFileWriter:
             is_hold_measured=shown.is_hold_measured,
             planned=None if mask is None or not len(mask) else packed(mask),
             only_planned=not is_held,
-            free_turn=None if shown.free_turn is None else turn_section(shown.free_turn),
+            free_turn=turn_section(shown.facts.free_turn),
         )
 
 
@@ -166,7 +165,7 @@ def _in_common_holds(views: Sequence[Shown], layout: CellLayout) -> list[tuple[S
                 expected=shown_pose(layout, shown.q, twin.T_part_tcp),
                 T_part_tcp=twin.T_part_tcp,
                 is_hold_measured=True,
-                free_turn=twin.free_turn,
+                facts=twin.facts,
             )
         if now.hold is None or now.T_part_tcp is None:
             key = (id(now), b"")  # at rest on the table, each look on its own
@@ -178,13 +177,13 @@ def _in_common_holds(views: Sequence[Shown], layout: CellLayout) -> list[tuple[S
 
 def _learned(shown: Shown, views: Sequence[Shown], layout: CellLayout) -> Shown | None:
     """Return a view with the T_part_tcp that was learned of a view's hold; None for nothing new."""
-    is_open = _is_open(shown)
+    is_open = shown.facts.is_turn_open
     if shown.hold is None or (shown.is_hold_measured and not is_open):
         return None
     known = [
         other
         for other in views
-        if other.hold is shown.hold and other.is_hold_measured and not _is_open(other)
+        if other.hold is shown.hold and other.is_hold_measured and not other.facts.is_turn_open
     ]
     pose = None if shown.located is None else shown.located.result()
     if not is_open and pose is not None and pose.evaluated:
@@ -197,10 +196,6 @@ def _learned(shown: Shown, views: Sequence[Shown], layout: CellLayout) -> Shown 
     elif not is_open:
         return None
     return known[0] if known else None
-
-
-def _is_open(shown: Shown) -> bool:
-    return shown.free_turn is not None and not shown.free_turn.is_shown
 
 
 def camera_section(camera: Camera) -> SetCamera:
@@ -217,18 +212,6 @@ def camera_section(camera: Camera) -> SetCamera:
 def box_section(box: WorldBox) -> SetBox:
     """Return a box of the gripper in the format of a set of views."""
     return SetBox(T=pose_rows(box.T), half_mm=tuple(box.half_mm.tolist()))
-
-
-def turn_section(free: FreeTurn) -> SetTurn:
-    """Return a free turn in the format of a set of views."""
-    (ax, ay, az), (x, y, z) = free.axis.tolist(), free.through_mm.tolist()
-    same_deg = tuple(np.degrees(free.same_rad).tolist())
-    return SetTurn(
-        axis=(ax, ay, az),
-        through_mm=(x, y, z),
-        same_deg=same_deg,
-        is_shown=free.is_shown,
-    )
 
 
 def pose_rows(T: FloatArray) -> tuple[tuple[float, ...], ...]:
