@@ -101,7 +101,7 @@ _SECTIONS = {
         (orders, "cellctl orders --release PO-4711"),
     ),
     "Prepare a part": (
-        (init, "cellctl init my_project"),
+        (init, "cellctl init my_project --part plate.step"),
         (check, "cellctl check flange_xy"),
         (compile_, "cellctl compile bracket.stl --report bracket.html"),
         (

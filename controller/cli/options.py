@@ -231,6 +231,17 @@ UnitOption = Annotated[
     Unit | None,
     typer.Option("--unit", help="unit of CAD files that name none, such as STL (default: mm)"),
 ]
+DensityOption = Annotated[
+    float | None,
+    typer.Option(
+        "--density",
+        metavar="X",
+        min=0.01,
+        max=25,
+        callback=finite,
+        help="density in g/cm3 (default: the CAD file's, else 2.7)",
+    ),
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

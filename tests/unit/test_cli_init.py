@@ -76,3 +76,50 @@ def test_its_script_plans_the_part(project: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "% of the surface" in done.stdout
+
+
+def test_a_part_of_ones_own_is_in_it_and_is_planned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "on off.csg.yaml").write_text(
+        "unit: mm\npart:\n  block: {size: [40, 30, 20]}\n", encoding="utf-8"
+    )
+    monkeypatch.chdir(tmp_path)
+    assert main(["init", "mine", "--part", "on off.csg.yaml", "--density", "7.85"]) == 0
+    recipe = load_recipe(tmp_path / "mine" / "recipe.yaml")
+    assert (recipe.name, recipe.density_g_cm3, recipe.unit) == ("on off", 7.85, None)
+    assert recipe.part == tmp_path / "mine" / "parts" / "on off.csg.yaml"
+    assert "holder" not in (tmp_path / "mine" / "README.md").read_text(encoding="utf-8")
+    capsys.readouterr()
+    assert main(["check", "mine/recipe.yaml", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["ok"]
+    script = (tmp_path / "mine" / "plan_part.py").read_text(encoding="utf-8")
+    assert '"on off.csg.yaml"' in script
+
+
+def test_the_unit_of_a_file_that_names_none_is_written_down(tmp_path: Path) -> None:
+    part = SHIPPED / "parts" / "holder.stl"
+    for unit, arguments in (("mm", []), ("inch", ["--unit", "inch"])):
+        folder = tmp_path / unit
+        assert main(["init", str(folder), "--part", str(part), *arguments]) == 0
+        assert load_recipe(folder / "recipe.yaml").unit == unit
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--part", "missing.step"], "No such file"),
+        (["--part", "notes.pages"], "is not read"),
+        (["--unit", "cm"], "require --part"),
+        (["--part", "notes.pages", "--driver", "acme"], "exclude each other"),
+    ],
+)
+def test_what_cannot_be_a_part_leaves_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    arguments: list[str], message: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    Path("notes.pages").write_text("about the part", encoding="utf-8")
+    assert main(["init", "mine", *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not Path("mine").exists()

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ..options import DrawingsOption, JobsOption, JsonOption, UnitOption, finite
+from ..options import DensityOption, DrawingsOption, JobsOption, JsonOption, UnitOption
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,17 +30,7 @@ class PartsOptions:
         ),
     ] = None
     unit: UnitOption = None
-    density_g_cm3: Annotated[
-        float | None,
-        typer.Option(
-            "--density",
-            metavar="X",
-            min=0.01,
-            max=25,
-            callback=finite,
-            help="density in g/cm3 (default: the CAD file's, else 2.7)",
-        ),
-    ] = None
+    density_g_cm3: DensityOption = None
     cell: Annotated[
         Path | None,
         typer.Option("--cell", metavar="FILE", help="cell file (YAML) to plan grasps and views in"),

@@ -1,54 +1,113 @@
-"""`cellctl init`: a new project from files that come with cellctl."""
+"""`cellctl init`: a new project from a CAD file, or from the part that comes with cellctl."""
 
+import json
 import shutil
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from controller.config import EMULATED_CELL, SHIPPED
+from controller.cad.compiled import UNITLESS
+from controller.cad.reading import files_of, load_solid
+from controller.config import EMULATED_CELL, SHIPPED, ConfigError, load_recipe, split_cad
+from controller.config.new_recipe import new_recipe
 
-from ..inputs.checks import check_empty_folder
+from ..inputs.checks import check_empty_folder, require_files
 from ..terminal.output import emit, print_line
 
 STARTER: Final = Path(__file__).parent / "starter"
-RECIPE: Final = SHIPPED / "holder.yaml"
-FILES: Final = {  # contents by file name in the project
-    "README.md": STARTER / "README.md",
-    "plan_part.py": STARTER / "plan_part.py",
-    "parts/holder.stl": SHIPPED / "parts" / "holder.stl",
-    "parts/LICENSE-trimesh": SHIPPED / "parts" / "LICENSE-trimesh",
-}
-RECIPE_HEAD: Final = """\
-# What to inspect and how sharply. Files are named relative to this one and lie in its folder or
-# below. `cellctl check` names what is wrong, with file and line.
-"""
+PARTS: Final = "parts"
+CELL: Final = "cell.yaml"
+RECIPE: Final = "recipe.yaml"
+OUR_PART: Final = SHIPPED / PARTS / "holder.stl"
+OUR_LICENCE: Final = SHIPPED / PARTS / "LICENSE-trimesh"
+OUR_DENSITY_G_CM3: Final = 2.7
 CELL_HEAD: Final = """\
 # The cell of this project. Replace `emulated` by the address of each real device, one by one, and
 # the positions by measured ones; `cellctl doctor` looks at the devices and moves nothing.
 """
+OUR_ROWS: Final = """\
+| `parts/holder.stl` | the part: `models/rod.3DXML`, body "holder", of github.com/mikedh/trimesh |
+| `parts/LICENSE-trimesh` | its licence (MIT) |
+"""
 
 
-def lay_out_project(folder: Path, *, as_json: bool) -> int:
+@dataclass(frozen=True, slots=True)
+class StarterPart:
+    """The part of a new project.
+
+    Attributes
+    ----------
+    path : CAD file; ``file.step#NAME`` is one body of a file of several
+    unit : unit of its lengths, for a format that names none
+    density_g_cm3 : of its material, if it is known
+    beside : further files for the folder of the part
+    """
+
+    path: Path
+    unit: str | None = None
+    density_g_cm3: float | None = None
+    beside: tuple[Path, ...] = ()
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Its files by their names in the project."""
+        part, *named = files_of(self.path)
+        inside = {f"{PARTS}/{one.relative_to(part.parent).as_posix()}": one for one in named}
+        return {f"{PARTS}/{one.name}": one for one in (part, *self.beside)} | inside
+
+
+OURS: Final = StarterPart(OUR_PART, "mm", OUR_DENSITY_G_CM3, (OUR_LICENCE,))
+
+
+def lay_out_project(folder: Path, part: StarterPart | None, *, as_json: bool) -> int:
     """Write a ready-to-run project into a new or empty folder; return the exit code.
+
+    Parameters
+    ----------
+    folder : new or empty
+    part : the part; None for the one that comes with cellctl
+    as_json : print one JSON object instead of lines
 
     Raises
     ------
-    ConfigError : the folder is not empty, is no folder, or cannot be written to
+    CadError : the part cannot be read
+    ConfigError : the folder is not empty, is no folder, or cannot be written to; no such part
     """
     check_empty_folder(folder)
-    (folder / "parts").mkdir(parents=True)
-    recipe = RECIPE.read_text(encoding="utf-8").replace("cells/emulated.yaml", "cell.yaml")
-    (folder / "recipe.yaml").write_text(RECIPE_HEAD + recipe, encoding="utf-8")
-    cell = EMULATED_CELL.read_text(encoding="utf-8")
-    (folder / "cell.yaml").write_text(CELL_HEAD + cell, encoding="utf-8")
-    for name, source in FILES.items():
-        shutil.copyfile(source, folder / name)
-    tell_files(
-        folder,
-        ("recipe.yaml", "cell.yaml", *FILES),
-        "cellctl check, cellctl plan, cellctl run --speed 10",
-        as_json=as_json,
+    if part is not None:
+        require_files([part.path])
+        load_solid(part.path, unit=part.unit)
+    used = part or OURS
+    source = split_cad(used.path)
+    name, files = source.part_name, used.files
+    recipe = new_recipe(
+        name,
+        f"{PARTS}/{source.name}",
+        unit=(used.unit or "mm") if source.ending in UNITLESS else None,
+        density_g_cm3=used.density_g_cm3,
+        cell=CELL,
     )
+    readme = (STARTER / "README.md").read_text(encoding="utf-8")
+    rows = OUR_ROWS if part is None else f"| `{PARTS}/{source.file.name}` | the part |\n"
+    script = (STARTER / "plan_part.py").read_text(encoding="utf-8")
+    texts = {
+        RECIPE: recipe,
+        CELL: CELL_HEAD + EMULATED_CELL.read_text(encoding="utf-8"),
+        "README.md": readme.replace(OUR_ROWS, rows),
+        "plan_part.py": script.replace('"holder.stl"', json.dumps(source.name)),
+    }
+    try:
+        for file, path in files.items():
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, folder / file)
+        for file, text in texts.items():
+            (folder / file).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    load_recipe(folder / RECIPE)
+    steps = "cellctl check, cellctl plan, cellctl run --speed 10"
+    tell_files(folder, (*texts, *files), steps, as_json=as_json)
     return 0
 
 

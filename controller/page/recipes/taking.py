@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 import tempfile
@@ -14,20 +13,11 @@ from controller.cad.compiled import UNITLESS
 from controller.config import ConfigError, is_cell_file, load_recipe, yaml_tree
 from controller.config.cad_files import body_name, body_path
 from controller.config.files import file_sha256
+from controller.config.new_recipe import new_recipe
 
 STEM: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 PARTS: Final = "parts"
 CELL: Final = "cell.yaml"  # as `cellctl init` names it
-TEXT: Final = """\
-# What to inspect and how sharply. Files are named relative to this one and lie in its folder or
-# below. `cellctl check` names what is wrong, with file and line.
-name: {name}
-part: {part}
-{unit}{cell}inspection:
-  smallest_defect_mm: 3.0
-  required: stated               # dimensions without limits of their own: measured where a view shows them
-"""  # noqa: E501 - a file that people read
-UNIT_LINE: Final = "unit: {unit:27}# of the CAD file, which names none\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,24 +97,6 @@ class UploadStage:
         self.file, self._folder = None, None
 
 
-def new_recipe(staged: Staged, project: Path, stem: str) -> str:
-    """Return the text of a new recipe.
-
-    Parameters
-    ----------
-    staged : its part
-    project : folder that it will be in
-    stem : its name, and that of its file
-    """
-    part = f"{PARTS}/{staged.part.name}"
-    return TEXT.format(
-        name=json.dumps(stem),
-        part=json.dumps(part, ensure_ascii=False),
-        unit=UNIT_LINE.format(unit=staged.unit) if staged.is_unitless else "",
-        cell=f"cell: {CELL}\n" if _has_cell(project) else "",
-    )
-
-
 def take(staged: Staged, project: Path, stem: str) -> Path:
     """Write part and recipe into the project; return the recipe's file.
 
@@ -143,7 +115,12 @@ def take(staged: Staged, project: Path, stem: str) -> Path:
     if not STEM.fullmatch(stem):
         raise ConfigError("a recipe's name has letters, digits, `-` and `_`, 60 at most")
     recipe = project / f"{stem}.yaml"
-    text = new_recipe(staged, project, stem)
+    text = new_recipe(
+        stem,
+        f"{PARTS}/{staged.part.name}",
+        unit=staged.unit if staged.is_unitless else None,
+        cell=CELL if _has_cell(project) else None,
+    )
     part = project / PARTS / staged.path.name
     try:
         is_new = _put_part(staged, part)
