@@ -83,6 +83,12 @@ def test_a_goal_inside_an_obstacle_is_refused_by_name() -> None:
         )
 
 
+def test_where_every_detour_is_closed_from_its_first_state_on_there_is_no_way() -> None:
+    everywhere = Box.from_bounds(-3000.0, 3000.0, -3000.0, 3000.0, -3000.0, 3000.0)
+    with pytest.raises(NoMotionError):
+        connect(LEFT, RIGHT, Scene(LAYOUT, 60.0, 85.0, standing=(everywhere,)), "", search=False)
+
+
 def test_every_row_of_the_inverse_leads_back_to_its_pose() -> None:
     rng = np.random.default_rng(2)
     joints = np.column_stack(

@@ -113,7 +113,7 @@ def _promising(
         q = q.reshape(-1, 6)
         near = ends.near(tcp_pose(scene.layout, q)[:, :3, 3])
         free = scene.free(q, np.where(near, END_MARGIN_MM, MARGIN_MM))
-        shut[left] |= ~free.reshape(len(left), -1).all(axis=1)
+        shut[left] |= ~free.reshape(len(left), len(at)).all(axis=1)
     found = []
     for k, path in enumerate(paths):
         its = [segments[_key(a, b)] for a, b in pairwise(path)]
