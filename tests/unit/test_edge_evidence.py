@@ -42,14 +42,14 @@ def bore_wall() -> int:
     return next(f.id for f in part().solid.faces if f.concave and abs(f.radius_mm - 5) < 0.1)
 
 
-def blind(depth_mm: float) -> Body:
+def blind(depth_mm: float, radius_mm: float = 4.0) -> Body:
     """A block with a blind bore in its front."""
-    return box(46, 34, 24) - rod(4, 2 * depth_mm, 64).translate((-8, 2, 12))
+    return box(46, 34, 24) - rod(radius_mm, 2 * depth_mm, 64).translate((-8, 2, 12))
 
 
 @cache
-def blind_part() -> PosedPart:
-    return PosedPart(solid_of(blind(8.0), "blind"))
+def blind_part(radius_mm: float = 4.0) -> PosedPart:
+    return PosedPart(solid_of(blind(8.0, radius_mm), "blind"))
 
 
 def blind_wall(found: EdgeEvidence) -> FaceEdges:
@@ -282,23 +282,30 @@ def test_a_floor_seen_along_the_axis_proves_no_depth() -> None:
     assert not blind_wall(evidence(blind_part(), blind(8.0), ((0.0, 0.0),))).is_verified
 
 
-def floor_of_blind() -> int:
-    return next(
+def floor_is_shown(depth_mm: float, radius_mm: float, smallest_mm: float) -> bool:
+    """Whether edges verify the floor of a bore of a depth where it must be 8 mm."""
+    nominal = blind_part(radius_mm)
+    limits = InspectionLimits(smallest_defect_mm=smallest_mm)
+    found = evidence(nominal, blind(depth_mm, radius_mm), LOOKS, limits)
+    floor = next(
         f.id
-        for f in blind_part().solid.faces
+        for f in nominal.solid.faces
         if f.kind == "plane" and np.allclose(f.centre_mm, (-8, 2, 4), atol=0.1)
     )
+    return found.faces[floor].is_verified
 
 
 def test_a_floor_too_narrow_to_be_compared_is_shown_with_its_wall() -> None:
-    # a defect of 8 mm is as wide as the floor; one of 3 mm has room on it
-    for smallest_mm, is_verified in ((8.0, True), (3.0, False)):
-        limits = InspectionLimits(smallest_defect_mm=smallest_mm)
-        found = evidence(blind_part(), blind(8.0), LOOKS, limits)
-        assert found.faces[floor_of_blind()].is_verified is is_verified
-    limits = InspectionLimits(smallest_defect_mm=8.0)
-    shallow = evidence(blind_part(), blind(4.0), LOOKS, limits)
-    assert not shallow.faces[floor_of_blind()].is_verified
+    assert floor_is_shown(8.0, 8.0, 16.0)  # a defect of 16 mm is as wide as the floor
+    assert not floor_is_shown(8.0, 8.0, 3.0)  # one of 3 mm has room on it
+    assert not floor_is_shown(4.0, 8.0, 16.0)
+
+
+def test_a_floor_so_deep_that_its_border_is_in_the_shade_is_shown_with_its_wall() -> None:
+    # on a disc of 6 mm a defect of 3 mm has room, but next to none beside the shade of the mouth
+    assert floor_is_shown(8.0, 3.0, 3.0)
+    assert not floor_is_shown(4.0, 3.0, 3.0)
+    assert not floor_is_shown(6.5, 3.0, 3.0)
 
 
 def countersunk() -> Body:

@@ -122,6 +122,7 @@ def prove_faces(
     edges: PartEdges,
     looks: Sequence[EdgeLook],
     narrow: BoolArray,
+    deep: BoolArray,
     floors: Mapping[frozenset[int], Floor],
     smallest_mm: float,
 ) -> dict[int, FaceEdges]:
@@ -140,6 +141,7 @@ def prove_faces(
     recesses, edges : recesses and edges of the part
     looks : looks at them
     narrow : (f,) True where no disc of the smallest defect on the face is far enough from its edges
+    deep : (f,) True for a floor of which light and edges leave too little to compare
     floors : floors of its blind holes, by their walls
     smallest_mm : size of the smallest defect
     """
@@ -184,7 +186,7 @@ def prove_faces(
                 share, how = told, OF_ITS_EDGES
         out[face] = FaceEdges(share, count, bool(how), how, "" if how else why)
     for floor in floors.values():
-        _prove_floor(solid, narrow, floor, out)
+        _prove_floor(solid, narrow | deep, floor, out)
     return {
         face: replace(one, is_verified=False, how="", why=CLOSED)
         if solid.faces[face].kind == "cone" and not _is_open(solid, face, recess_of, out)
@@ -215,16 +217,24 @@ def _told(
 
 
 def _prove_floor(
-    solid: Solid, narrow: BoolArray, floor: Floor, faces: dict[int, FaceEdges]
+    solid: Solid, without_room: BoolArray, floor: Floor, faces: dict[int, FaceEdges]
 ) -> None:
-    """Add the narrow floor of a blind hole if all its walls are verified."""
+    """Add the floor of a blind hole if it has no room to compare, and all its walls are verified.
+
+    Parameters
+    ----------
+    solid : the part
+    without_room : (f,) True where a face has no room to compare
+    floor : of the hole
+    faces : evidence by face id
+    """
     recess = floor.recess
     bottom = recess.bottom(solid)
     walls = [faces[wall] for wall in recess.walls if wall in faces]
     if len(bottom) != 1:
         return
     (face,) = bottom
-    if not narrow[face] or faces[face].is_verified:
+    if not without_room[face] or faces[face].is_verified:
         return
     if all(wall.is_verified for wall in walls):
         share = min(wall.share for wall in walls)

@@ -16,7 +16,7 @@ from .._types import Finding, InspectionLimits
 from ..dimensions import BACKLIT, MeasuringSettings, PosedView
 from ..integrity import Allowances, allowed_mm
 from ..limits import DUST_SIZES, FLATTEST_COS
-from ..resolution import is_narrow
+from ..resolution import is_deep, is_narrow
 from ._against import find_against
 from ._beside import compared_beside
 from ._damage import find_damage
@@ -87,9 +87,12 @@ def find_evidence(
     cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
     narrow = is_narrow(part.solid, limits.smallest_defect_mm, pixel_mm, cosine)
     recesses = find_recesses(part.solid)
+    deep = is_deep(
+        part.solid, recesses, limits.smallest_defect_mm, pixel_mm, least_slope_of_light(views)
+    )
     floors = _floors(part, recesses, edges, looks, views, counted, allowances, settings)
     faces = prove_faces(
-        part.solid, recesses, edges, looks, narrow, floors, limits.smallest_defect_mm
+        part.solid, recesses, edges, looks, narrow, deep, floors, limits.smallest_defect_mm
     )
     runs = find_displaced(edges, looks, pixel_mm, DUST_SIZES * limits.dust_mm, allowances, settings)
     poses = {one.task.view_id: one.T_world_part_measured for one in views}
@@ -155,6 +158,28 @@ class _Counted:
 def closest_pixel_mm(views: Sequence[PosedView]) -> float:
     """Return the pixel size at the part in the closest of one or more views."""
     return min(v.task.camera.mm_per_px(v.T_world_part_measured[:3, 3]) for v in views)
+
+
+def least_slope_of_light(views: Sequence[PosedView]) -> float:
+    """Return the tangent of the angle at the part between the camera and the lamp nearest to it.
+
+    It is inf without a lamp.
+
+    Parameters
+    ----------
+    views : with their lamps
+    """
+    least = np.inf
+    for one in views:
+        p_mm = one.T_world_part_measured[:3, 3]
+        to_camera = one.task.camera.position_mm - p_mm
+        for lamp in one.task.lamps:
+            to_lamp = lamp.points_mm - p_mm
+            along = to_lamp @ to_camera / np.linalg.norm(to_camera)
+            across = np.sqrt(np.maximum((to_lamp**2).sum(axis=1) - along**2, 0.0))
+            if (along > 0).all():
+                least = min(least, float(np.mean(across / along)))
+    return float(least)
 
 
 def _floors(

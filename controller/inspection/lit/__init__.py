@@ -22,12 +22,13 @@ from .marks import (
     filtered,
     unusual,
 )
-from .pictures import MIN_WIDTH_PX, STEP_PX, LitPictures
+from .pictures import DISC_OFF, MIN_WIDTH_PX, STEP_PX, LitPictures
 
 __all__ = [
     "BURNT_GREY",
     "COARSE",
     "DISC",
+    "DISC_OFF",
     "FILTER_COUNT",
     "FILTER_STEP",
     "LINE_NODES",
