@@ -246,7 +246,9 @@ class Cell:
             x_mm, y_mm, theta_rad = options.at if options.at and is_first else (None,) * 3
             rest: int | Rest | None = options.rest
             if is_first and options.orientation is not None:
-                rest = solid.rest_near(options.orientation)
+                rest = solid.rolled(
+                    solid.rest_near(options.orientation), float(self._feed_rng.random())
+                )
             T_world_part = self.world.draw(index, x_mm, y_mm, rest, theta_rad)
             if not is_first:
                 T_world_part = self._kept_apart(index, T_world_part)
@@ -266,8 +268,11 @@ class Cell:
     def _require_kept(self, index: int, rest: Rest) -> None:
         """Raise LayoutError if a part put down in a stable pose has tipped out of it."""
         part = self.world.parts[index]
-        down = part.T_world_part[:3, :3] @ rest.down
-        off_rad = math.acos(max(-1.0, min(1.0, -float(down[2]))))
+        up = -part.T_world_part[2, :3]
+        off_rad = min(
+            math.acos(max(-1.0, min(1.0, float(up @ one.down))))
+            for one in part.solid.curve_of(rest)
+        )
         if off_rad > MAX_REST_OFF_RAD:
             raise LayoutError(
                 f"{part.solid.name} does not stay in this stable pose on the emulated table: it "

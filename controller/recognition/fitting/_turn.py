@@ -30,6 +30,7 @@ SAME_RAD: Final = np.radians(9.0)
 # Log-odds by which the best turn must lead. In 122 pictures of a shaft, each by itself, wrong turns
 # led by 10 at most, and 75 right ones by more than this (docs/measurements/inspection.md).
 DECIDED: Final = 20.0
+VERTICAL_COS: Final = float(np.cos(np.pi / 4))  # an axis is nearer to the vertical, or lies
 SURE: Final = 100.0  # a lead of two or three good views
 SPUN_RAD: Final = np.radians(3.0)  # a round part turned so far in round jaws that took it over
 NEAR_PX: Final = 1.5  # distance from its prediction within which an edge is looked for
@@ -63,6 +64,10 @@ class FreeTurn:
     def by(self, turn_rad: float) -> FloatArray:
         """Return the turn (4, 4) of the part, in its CAD frame."""
         return twist(turn_rad * self.axis, np.zeros(3), self.through_mm)
+
+    def is_vertical(self, T_world_part: FloatArray) -> bool:
+        """Return True if the turn is one about the vertical, of a part on the table (4, 4)."""
+        return bool(abs(T_world_part[2, :3] @ self.axis) > VERTICAL_COS)
 
     def is_same(self, turns_rad: FloatArray, as_rad: float) -> BoolArray:
         """Return a mask of the turns (k,) that a picture could not tell from another one."""

@@ -125,7 +125,7 @@ class Sighting:
         """
         assert self.T_world_part is not None
         place_mm = about_mm = np.array([self.x_mm, self.y_mm, 0.0])
-        if self.free_turn is not None:
+        if self.free_turn is not None and self.free_turn.is_vertical(self.T_world_part):
             about_mm = transform(self.T_world_part, self.free_turn.through_mm[None])[0]
         about = twist(np.array([0.0, 0.0, turn_rad]), np.zeros(3), about_mm)
         x_mm, y_mm, _ = transform(about, place_mm[None])[0].tolist()
@@ -146,13 +146,14 @@ class Sighting:
         ----------
         T_world_part : (4, 4) pose in which it was set down, to some degrees
         """
-        if self.free_turn is None or self.T_world_part is None:
+        free = self.free_turn
+        if free is None or self.T_world_part is None or not free.is_vertical(self.T_world_part):
             return self
         off = T_world_part[:3, :3] @ self.T_world_part[:3, :3].T
         if off[2, 2] < np.cos(TIPPED_RAD):
             return self
         guess = self.turned(float(np.arctan2(off[1, 0] - off[0, 1], off[0, 0] + off[1, 1])))
-        return replace(guess, free_turn=replace(self.free_turn, is_shown=True))
+        return replace(guess, free_turn=replace(free, is_shown=True))
 
     @property
     def sigma_mm(self) -> float:
@@ -243,7 +244,9 @@ def known(
 def _covariance(best: Hypothesis, entry: LibraryPart) -> FloatArray:
     """Return the fit's covariance; a free turn is unknown, and that of a round part, too."""
     covariance = best.fit.covariance.copy()
-    if best.free_turn is not None or len(entry.turns_of(best.pose)) == 0:
+    free, T_world_part = best.free_turn, best.fit.T_world_part
+    is_free = free is not None and free.is_vertical(T_world_part)
+    if is_free or len(entry.turns_of(best.pose)) == 0:
         covariance[2, :], covariance[:, 2] = 0.0, 0.0
         covariance[2, 2] = np.pi**2 / 3  # any turn is as likely
     return covariance

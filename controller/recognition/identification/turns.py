@@ -1,11 +1,12 @@
-"""Whether pictures of the table show how far a part is turned about the vertical.
+"""Whether pictures of the table show how far a part is turned about an axis.
 
 Of a shaft that stands on its end a backlit picture is the same at any turn, and a fit to it keeps
 the turn it began with, which says nothing. All turns are then tried on the pictures under lamps;
-where these leave it open, too, the turn is free.
+where these leave it open, too, the turn is free. Of a shaft that lies on its side the turn about
+its own axis, by which it has rolled, is left to the views in the gripper at once.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -39,6 +40,9 @@ def settle_turns(hypotheses: Sequence[Hypothesis], cutout: ObjectCutout) -> list
     if settled is None:
         return list(hypotheses)
     best = hypotheses[0]
+    if settled.free_turn is not None and not settled.free_turn.is_vertical(best.fit.T_world_part):
+        # it lies on its side: what the outline shows of it, its ends say, stays as it is
+        return [_settled(h, cutout) or h for h in hypotheses]
     found = {(best.part, best.pose): settled}
     for h in hypotheses[1:]:
         name = (h.part, h.pose)
@@ -51,15 +55,16 @@ def settle_turns(hypotheses: Sequence[Hypothesis], cutout: ObjectCutout) -> list
 def _settled(h: Hypothesis, cutout: ObjectCutout) -> Hypothesis | None:
     """Return a hypothesis at the turn that lamps show; None if the outline shows its turn."""
     entry = cutout.library.entries[h.part]
+    roll = entry.roll_of(h.pose)
+    if roll is not None:
+        rolled = (h.fit.T_world_part @ roll.by(turn) for turn in (0.0, *GENERIC_RAD))
+        return replace(h, free_turn=roll) if _alike(h, rolled, cutout) else None
     same_rad = entry.turns_of(h.pose)
     if len(same_rad) == 0:
         return None
-    fits: list[Hypothesis] = []
-    for turn in (0.0, *GENERIC_RAD):
-        fit = _turned(h, turn, cutout)
-        if fit is None or (fits and fits[0].log_odds - fit.log_odds >= DECIDES):
-            return None
-        fits.append(fit)
+    fits = _alike(h, (_turn(h, turn) for turn in (0.0, *GENERIC_RAD)), cutout)
+    if not fits:
+        return None
     free = FreeTurn(entry.pose(h.pose).R[2], _through(fits, entry.centroid_mm), same_rad)
     if not cutout.is_lit:
         return replace(fits[0], free_turn=free)
@@ -67,13 +72,24 @@ def _settled(h: Hypothesis, cutout: ObjectCutout) -> Hypothesis | None:
     found = likeliest_turn(free, views)
     if not found.is_decided:
         return replace(fits[0], free_turn=free)
-    return _turned(h, refined_turn(views, found.turn_rad), cutout)
+    return refitted(h, _turn(h, refined_turn(views, found.turn_rad)), cutout)
 
 
-def _turned(h: Hypothesis, turn_rad: float, cutout: ObjectCutout) -> Hypothesis | None:
-    """Return a hypothesis turned about the vertical through its place, and fitted there."""
+def _turn(h: Hypothesis, turn_rad: float) -> FloatArray:
+    """Return the pose (4, 4) of a hypothesis turned about the vertical through its place."""
     about = np.array([*h.place_mm, 0.0])
-    return refitted(h, twist(turn_rad * UP, np.zeros(3), about) @ h.fit.T_world_part, cutout)
+    return twist(turn_rad * UP, np.zeros(3), about) @ h.fit.T_world_part
+
+
+def _alike(h: Hypothesis, poses: Iterable[FloatArray], cutout: ObjectCutout) -> list[Hypothesis]:
+    """Return a hypothesis fitted from each pose (4, 4); none if the first one fits better."""
+    fits: list[Hypothesis] = []
+    for T_world_part in poses:
+        fit = refitted(h, T_world_part, cutout)
+        if fit is None or (fits and fits[0].log_odds - fit.log_odds >= DECIDES):
+            return []
+        fits.append(fit)
+    return fits
 
 
 def _through(fits: Sequence[Hypothesis], centroid_mm: FloatArray) -> FloatArray:

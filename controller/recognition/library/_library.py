@@ -16,7 +16,7 @@ from controller.cad import CadError, PartSymmetry, Solid, StablePose, camera_vie
 from controller.cad.compiled import CompiledPart
 from controller.imaging import Camera, RayCaster
 
-from ..fitting import EdgeModel, EdgeShape, edge_model, edge_shape
+from ..fitting import EdgeModel, EdgeShape, FreeTurn, edge_model, edge_shape
 from ..grey import EdgeletIndex, edgelet_index, view_edgelets
 from ..stretches import ViewStretches, view_stretches
 from ._index import ViewIndex
@@ -41,6 +41,8 @@ class LibraryPart:
     extent_mm : its longest side
     views : views of these poses
     edgelets : `view_edgelets` of each of these poses, at turn 0 straight below the camera
+    rolls : the axis about which the part lies at any turn in each of these poses; None where it
+        does not roll about one, or where it is round about that
     """
 
     name: str
@@ -50,6 +52,7 @@ class LibraryPart:
     extent_mm: float
     views: PartViews
     edgelets: tuple[Float32Array, ...]
+    rolls: tuple[FreeTurn | None, ...]
 
     def pose(self, index: int) -> StablePose:
         """Return the pose of an index."""
@@ -57,8 +60,14 @@ class LibraryPart:
 
     def turns_of(self, index: int) -> FloatArray:
         """Return the turns that leave a pose unchanged."""
-        at = next(i for i, pose in enumerate(self.poses) if pose.index == index)
-        return self.turns_rad[at]
+        return self.turns_rad[self._at(index)]
+
+    def roll_of(self, index: int) -> FreeTurn | None:
+        """Return the axis about which the part may lie at any turn in a pose."""
+        return self.rolls[self._at(index)]
+
+    def _at(self, index: int) -> int:
+        return next(i for i, pose in enumerate(self.poses) if pose.index == index)
 
 
 class Library:
@@ -159,7 +168,20 @@ def make_entry(
     centroid = np.asarray(part.solid.centroid_mm, dtype=np.float64)
     edgelets = tuple(_edgelets(part.solid, pose, station) for pose in poses)
     extent = float(part.solid.mesh.extents.max())
-    return LibraryPart(part.solid.name, poses, turns, centroid, extent, views, edgelets), shape
+    rolls = tuple(_roll(part, pose) for pose in poses)
+    name = part.solid.name
+    return LibraryPart(name, poses, turns, centroid, extent, views, edgelets, rolls), shape
+
+
+def _roll(part: CompiledPart, pose: StablePose) -> FreeTurn | None:
+    """Return the axis about which a part rolls in a pose, unless it is round about that."""
+    family = next((one for one in part.resting.families if one.pose == pose.index), None)
+    if family is None or family.kind not in ("cylinder", "cone"):
+        return None
+    side = np.linalg.svd(family.axis[None])[2][1]
+    frame = np.stack([side, np.cross(family.axis, side), family.axis])
+    same_rad = turns_that_keep(frame, part.symmetry)
+    return FreeTurn(family.axis, family.centre_mm, same_rad) if len(same_rad) else None
 
 
 def _edgelets(solid: Solid, pose: StablePose, station: CameraPlace) -> Float32Array:

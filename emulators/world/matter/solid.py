@@ -42,6 +42,7 @@ MIN_SOLID_ANGLE: Final = 0.01  # no part comes to rest on a smaller facet by its
 DROP_HEIGHT_MM: Final = 2.0
 # two readings of one CAD file find the same facet; neighbouring facets of a curve are further apart
 MAX_REST_OFF_RAD: Final = math.radians(1.0)
+ROLL_CLIMB_MM: Final = 0.3  # difference in height of rests that a part rolls over
 _COPLANAR: Final = 1.0 - 0.5 * math.radians(0.3) ** 2
 
 
@@ -118,6 +119,32 @@ class Solid:
             nearest = f"; its nearest is {math.degrees(off_rad[best]):.1f} deg off" if down else ""
             raise LayoutError(f"{self.name} has no such stable pose on the emulated table{nearest}")
         return replace(self.rests[best], R=upright(down[best]) @ R)
+
+    def curve_of(self, rest: Rest) -> tuple[Rest, ...]:
+        """Return the rests that a part may roll to from one; that alone if it does not roll.
+
+        Of facets that it topples from at a touch, those at the same height are one curve.
+        """
+        if _is_stable(rest):
+            return (rest,)
+        height_mm = self._height_mm(rest)
+        return tuple(
+            one
+            for one in self.rests
+            if not _is_stable(one) and abs(self._height_mm(one) - height_mm) < ROLL_CLIMB_MM
+        )
+
+    def rolled(self, rest: Rest, choice: float) -> Rest:
+        """Return a rest that a part may have rolled to from one; ``choice`` in [0, 1) picks it."""
+        curve = self.curve_of(rest)
+        if len(curve) == 1:
+            return rest
+        chosen = curve[int(choice * len(curve))]
+        return replace(chosen, R=upright(rest.R @ chosen.down) @ rest.R)
+
+    def _height_mm(self, rest: Rest) -> float:
+        """Return the height of the centre of mass in a rest."""
+        return float((self.hull_mm @ rest.down).max() - self.centre_mm @ rest.down)
 
     def pose_at_rest(self, rest: Rest, x_mm: float, y_mm: float, theta_rad: float) -> Array:
         """Return T_world_part just above the table, the centre of mass over (x, y).

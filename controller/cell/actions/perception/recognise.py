@@ -65,11 +65,14 @@ class RecogniseAction:
             if part.neighbours
             else ""
         )
-        turn = (
-            say("{degrees:.1f} deg", degrees=np.degrees(s.theta_rad))
-            if s.free_turn is None
-            else key("turn not seen")
-        )
+        free = s.free_turn
+        turned = say("{degrees:.1f} deg", degrees=np.degrees(s.theta_rad))
+        if free is None or s.T_world_part is None:
+            turn: str = turned
+        elif free.is_vertical(s.T_world_part):
+            turn = key("turn not seen")
+        else:
+            turn = say("{turned}, roll not seen", turned=turned)
         self.record.show(
             "recognised",
             part_pose=say(

@@ -190,7 +190,7 @@ def check_plans(
     job : recipe and cell
     progress : called before each step with what it does
     has_unsteady : plan likely poses in which the part rolls or barely stands as well; that one of
-        these has no plan is no problem of the recipe
+        these has no plan is no problem of the recipe, unless the part has no others
 
     Raises
     ------
@@ -200,12 +200,11 @@ def check_plans(
     planning = PlanCache(c.part, c.layout, c.setup.options)
     measured, too_tight = check_characteristics(job.recipe_path, c.recipe, c.cell, c.part)
     poses, problems = [], [*too_tight, *check_defects(c.recipe, c.cell)]
-    later: list[StablePose] = []
-    for pose in c.poses:
-        is_steady = not (pose.rolling or pose.marginal)
-        if pose.probability < LIKELY or not (is_steady or has_unsteady):
-            later.append(pose)
-            continue
+    likely = [pose for pose in c.poses if pose.probability >= LIKELY]
+    steady = [pose for pose in likely if not (pose.rolling or pose.marginal)]
+    # a part that rests in no steady pose is run from where it lies still
+    chosen = likely if has_unsteady or not steady else steady
+    for pose in chosen:
         if progress is not None:
             progress(
                 say(
@@ -217,7 +216,7 @@ def check_plans(
         certified = planning.certified(pose)
         plan, where = certified.certificate.plan, say("in stable pose {index}", index=pose.index)
         poses.append(CheckedPose(pose, certified, _remarks(pose, c.part)))
-        if is_steady and plan is None:
+        if plan is None and (pose in steady or not steady):
             problems.append(
                 say(
                     "{where} ({probability:.0%}): {reason}",
@@ -226,7 +225,8 @@ def check_plans(
                     reason=certified.certificate.reason,
                 )
             )
-    if all(one.pose.rolling or one.pose.marginal for one in poses):
+    later = [pose for pose in c.poses if pose not in chosen]
+    if not likely:
         problems.append(_restless(c.poses, c.part))
     plans = [one.certified.certificate.plan for one in poses]
     hidden = _unseen_by_all([plan for plan in plans if plan is not None], c.part.solid)

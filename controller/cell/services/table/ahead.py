@@ -21,6 +21,7 @@ from controller.cell.services.trays import TRAYS
 from controller.inspection import Verdict
 from controller.planning import OnTable, Plan
 from controller.recognition import Sighting
+from controller.setup.turns import free_turn_of
 from messages import key, say
 
 from .choosing import apart_deg, apart_mm
@@ -130,9 +131,17 @@ def unseen_turn(was: SightingFields, now: SightingFields, turns: Turns) -> float
     if apart_mm(was, now) > SAME_MM or beside_px > SAME_PX:
         return None
     missing_deg = was.theta_deg - now.theta_deg
-    if turns is None or now.free_turn is not None:
+    if turns is None or _is_turn_open(now):
         return missing_deg
     return next((t for t in turns if apart_deg(missing_deg, t) <= SAME_DEG), None)
+
+
+def _is_turn_open(now: SightingFields) -> bool:
+    """Return True if an object's turn about the vertical is a guess."""
+    free = free_turn_of(now.free_turn)
+    return free is not None and (
+        now.T_world_part is None or free.is_vertical(np.array(now.T_world_part))
+    )
 
 
 class LookAhead:
