@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 from cad_solids import Body, box, rod, solid_of
@@ -66,6 +67,48 @@ def on_table(name: str, theta_rad: float) -> Sighting:
     (found,) = recognise(shots.backlit(), TABLE_CAMERA, library, lit=lit).sightings
     assert found.part == name
     return found
+
+
+@cache
+def lying(name: str) -> Solid:
+    """A stepped shaft along z that rolls on its side; `keyed` shows in its outline at no roll."""
+    body = rod(11, 22, 192).translate((0, 0, 11)) + rod(14, 26, 192).translate((0, 0, 35))
+    body += rod(9, 24, 192).translate((0, 0, 60))
+    return solid_of(body - box(5, 8, 14).translate((0, 7.5, 60)) if name == "keyed" else body, name)
+
+
+def rolled(name: str, roll_rad: float) -> tuple[Sighting, Array]:
+    """What is recognised of a shaft on its side, and its pose."""
+    of = lying(name)
+    part = compile_solid(of)
+    pose = next(pose for pose in part.poses if pose.rolling)
+    T = resting(of, pose.R @ cv2.Rodrigues(roll_rad * AXIS)[0], 12.0, -6.0, 0.7)
+    shots = Renderer(Scene(placed(of.mesh, T), None, TABLE), TABLE_CAMERA, seed=3)
+    library = make_library([part], TABLE_CAMERA)
+    lit = [shots.lit(lamp) for lamp in LAMPS]
+    (found,) = recognise(shots.backlit(), TABLE_CAMERA, library, lit=lit).sightings
+    assert found.part == name
+    return found, T
+
+
+@pytest.mark.parametrize("roll_rad", [0.0, 0.9, 2.5])
+def test_of_a_shaft_on_its_side_all_is_known_but_its_roll(roll_rad: float) -> None:
+    found, T = rolled("keyed", roll_rad)
+    assert found.T_world_part is not None
+    assert found.free_turn is not None
+    axis = found.free_turn.axis
+    assert abs(float(axis @ AXIS)) == pytest.approx(1.0, abs=1e-6)
+    assert not found.free_turn.is_vertical(found.T_world_part)
+    along = float(found.T_world_part[:3, :3] @ axis @ T[:3, :3] @ axis)
+    assert along > np.cos(np.radians(0.3))
+    assert found.sigma_rad < np.radians(0.5)  # that of its turn about the vertical
+    away = found.T_world_part @ [0, 0, 35, 1] - T @ [0, 0, 35, 1]
+    assert np.linalg.norm(away) < 0.3
+
+
+def test_the_roll_of_a_round_part_is_no_question() -> None:
+    found, _ = rolled("round", 0.9)
+    assert found.free_turn is None
 
 
 def test_a_standing_shaft_is_known_and_its_turn_is_not() -> None:
