@@ -282,17 +282,26 @@ def test_a_floor_seen_along_the_axis_proves_no_depth() -> None:
     assert not blind_wall(evidence(blind_part(), blind(8.0), ((0.0, 0.0),))).is_verified
 
 
-def floor_is_shown(depth_mm: float, radius_mm: float, smallest_mm: float) -> bool:
-    """Whether edges verify the floor of a bore of a depth where it must be 8 mm."""
+def evidence_on_floor(
+    body: Body,
+    radius_mm: float,
+    smallest_mm: float,
+    looks: tuple[tuple[float, float], ...] = LOOKS,
+) -> FaceEdges:
+    """The evidence on the floor of a bore that must be 8 mm deep."""
     nominal = blind_part(radius_mm)
     limits = InspectionLimits(smallest_defect_mm=smallest_mm)
-    found = evidence(nominal, blind(depth_mm, radius_mm), LOOKS, limits)
     floor = next(
         f.id
         for f in nominal.solid.faces
         if f.kind == "plane" and np.allclose(f.centre_mm, (-8, 2, 4), atol=0.1)
     )
-    return found.faces[floor].is_verified
+    return evidence(nominal, body, looks, limits).faces[floor]
+
+
+def floor_is_shown(depth_mm: float, radius_mm: float, smallest_mm: float) -> bool:
+    """Whether edges verify the floor of a bore of a depth where it must be 8 mm."""
+    return evidence_on_floor(blind(depth_mm, radius_mm), radius_mm, smallest_mm).is_verified
 
 
 def test_a_floor_too_narrow_to_be_compared_is_shown_with_its_wall() -> None:
@@ -306,6 +315,20 @@ def test_a_floor_so_deep_that_its_border_is_in_the_shade_is_shown_with_its_wall(
     assert floor_is_shown(8.0, 3.0, 3.0)
     assert not floor_is_shown(4.0, 3.0, 3.0)
     assert not floor_is_shown(6.5, 3.0, 3.0)
+
+
+@pytest.mark.parametrize("at_mm", [(0.0, 0.0), (0.8, -0.6)])
+def test_a_deep_floor_with_something_on_it_is_not_shown(at_mm: tuple[float, float]) -> None:
+    x, y = at_mm
+    lump = box(3.0, 3.0, 2.0).translate((-8 + x, 2 + y, 5))
+    found = evidence_on_floor(blind(8.0, 3.0) + lump, 3.0, 3.0)
+    assert not found.is_verified
+    assert "light on it" in found.why
+
+
+def test_a_deep_floor_is_shown_only_where_a_lamp_lights_it() -> None:
+    found = evidence_on_floor(blind(8.0, 3.0), 3.0, 3.0, ((35.0, 0.0), (-35.0, 0.0), (0.0, 33.0)))
+    assert not found.is_verified
 
 
 def countersunk() -> Body:

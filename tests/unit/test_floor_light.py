@@ -57,7 +57,7 @@ def seen(depth_mm: float, tilt_deg: float, *, is_dark: bool = False) -> PosedVie
 def rise(view: PosedView) -> FloorLook | None:
     solid = nominal().solid
     (bore,) = [b for r in find_recesses(solid) if (b := blind_bore(solid, r)) is not None]
-    return rise_by_light(nominal(), bore, view, "ring")
+    return rise_by_light(nominal(), bore, view, "ring", 3.0)
 
 
 def by_light(*told: tuple[float, float]) -> list[FloorLook]:

@@ -31,6 +31,8 @@ BESIDE: Final = 1.5  # distance, in spacings, below which points of two mouths o
 IN_LINE: Final = 0.75
 NO_DEPTH: Final = key("no picture shows how deep its floor lies")
 DISPUTED: Final = key("pictures disagree on how deep its floor lies")
+UNLIT_FLOOR: Final = key("no picture along its axis shows the light on it")
+UNEVEN_LIGHT: Final = key("the light on it is not what its depth explains")
 NO_RIM: Final = key("its rim is too short to be looked for")
 CLOSED: Final = key("no light is shown to pass the bore that it leads to")
 OF_ITS_EDGES: Final = key("of its edges")  # how a face is verified that no defect fits on
@@ -186,7 +188,7 @@ def prove_faces(
                 share, how = told, OF_ITS_EDGES
         out[face] = FaceEdges(share, count, bool(how), how, "" if how else why)
     for floor in floors.values():
-        _prove_floor(solid, narrow | deep, floor, out)
+        _prove_floor(solid, narrow, deep, floor, out)
     return {
         face: replace(one, is_verified=False, how="", why=CLOSED)
         if solid.faces[face].kind == "cone" and not _is_open(solid, face, recess_of, out)
@@ -217,14 +219,16 @@ def _told(
 
 
 def _prove_floor(
-    solid: Solid, without_room: BoolArray, floor: Floor, faces: dict[int, FaceEdges]
+    solid: Solid, narrow: BoolArray, deep: BoolArray, floor: Floor, faces: dict[int, FaceEdges]
 ) -> None:
     """Add the floor of a blind hole if it has no room to compare, and all its walls are verified.
+
+    On a deep one, which is wide enough for a defect, the light has to be as its depth explains.
 
     Parameters
     ----------
     solid : the part
-    without_room : (f,) True where a face has no room to compare
+    narrow, deep : see `prove_faces`
     floor : of the hole
     faces : evidence by face id
     """
@@ -234,9 +238,11 @@ def _prove_floor(
     if len(bottom) != 1:
         return
     (face,) = bottom
-    if not without_room[face] or faces[face].is_verified:
+    if not (narrow[face] or deep[face]) or faces[face].is_verified:
         return
-    if all(wall.is_verified for wall in walls):
+    if not narrow[face] and not (floor.is_lit and floor.is_even):
+        faces[face] = replace(faces[face], why=UNEVEN_LIGHT if floor.is_lit else UNLIT_FLOOR)
+    elif all(wall.is_verified for wall in walls):
         share = min(wall.share for wall in walls)
         how = key("of the rim above it, and it at its depth,")
         faces[face] = replace(faces[face], share=share, is_verified=True, how=how, why="")

@@ -37,6 +37,7 @@ EXPLAINED: Final = 0.8
 # Range of the floor's gain against the surface about the mouth, for one finish.
 GAIN: Final = (0.6, 1.6)
 EVEN_LIGHT: Final = 0.4  # largest light added by walls, as a share of that surface's
+SMALLEST_SIGMAS: Final = 1.0 / 6.0  # standard deviation of a bell, in sizes of the defect it is for
 MODEL: Final = 0.07  # standard uncertainty of a depth by the model, as a share of it
 
 
@@ -87,7 +88,9 @@ def blind_bore(solid: Solid, recess: Recess) -> BlindBore | None:
     return BlindBore(np.asarray(centre), recess.axis, float(one.radius_mm), recess.depth_mm)
 
 
-def rise_by_light(part: PosedPart, bore: BlindBore, view: PosedView, lamp: str) -> FloorLook | None:
+def rise_by_light(
+    part: PosedPart, bore: BlindBore, view: PosedView, lamp: str, smallest_mm: float
+) -> FloorLook | None:
     """Return the height of a floor above nominal from its lit area; None if undetermined.
 
     Parameters
@@ -96,6 +99,7 @@ def rise_by_light(part: PosedPart, bore: BlindBore, view: PosedView, lamp: str) 
     bore : bore of the part
     view : view with its pictures, and the part's pose
     lamp : lamp of the picture
+    smallest_mm : size of the smallest defect
     """
     source = next((one for one in view.task.lamps if one.name == lamp), None)
     if source is None or lamp not in view.pictures.lit:
@@ -128,6 +132,7 @@ def rise_by_light(part: PosedPart, bore: BlindBore, view: PosedView, lamp: str) 
         (1.0 - share) * bore.depth_mm,
         spread * bore.depth_mm,
         is_by_light=True,
+        uneven=_uneven(patch, sources, bore, SHARES[best], smallest_mm),
     )
 
 
@@ -140,6 +145,7 @@ class _Patch:
     eye: FloatArray
     lines: FloatArray
     around: float
+    pixel_mm: float
 
     @property
     def variance(self) -> float:
@@ -207,7 +213,8 @@ def _patch(
     level = float(np.median(around))
     if inside.sum() < 4 * np.pi * BLUR_PX**2 or around.std() > EVEN * max(level, 1.0):
         return None
-    return _Patch(grey, np.asarray(inside), eye, sight, level)
+    pixel_mm = camera.mm_per_px(centre[0])
+    return _Patch(grey, np.asarray(inside), eye, sight, level, pixel_mm)
 
 
 def _is_open(
@@ -245,6 +252,20 @@ def _fit(
     sources : (n, 3) points of the lamp, bore's frame
     radius_mm, depth_mm : radius and depth of the hole
     """
+    off, gain, even = _off(patch, sources, radius_mm, depth_mm)
+    around = max(patch.around, 1.0)
+    return float(np.mean(np.square(off))), gain / around, even / around
+
+
+def _off(
+    patch: _Patch, sources: FloatArray, radius_mm: float, depth_mm: float
+) -> tuple[FloatArray, float, float]:
+    """Return what a depth leaves of the grey levels within the mouth (k,), its gain, even light.
+
+    Parameters
+    ----------
+    patch, sources, radius_mm, depth_mm : as `_fit`
+    """
     size = len(patch.grey)
     light = _light(patch.eye, patch.lines, sources, radius_mm, depth_mm)
     seen = gaussian_filter(light.reshape(size * SUBPIXELS, size * SUBPIXELS), BLUR_PX * SUBPIXELS)
@@ -252,8 +273,28 @@ def _fit(
     grey = patch.grey[patch.inside]
     design = np.column_stack([seen, np.ones(len(seen))])
     (gain, even), *_ = np.linalg.lstsq(design, grey, rcond=None)
-    misfit = float(np.mean(np.square(grey - design @ [gain, even])))
-    return misfit, float(gain) / max(patch.around, 1.0), float(even) / max(patch.around, 1.0)
+    return np.asarray(grey - design @ [gain, even]), float(gain), float(even)
+
+
+def _uneven(
+    patch: _Patch, sources: FloatArray, bore: BlindBore, share: float, smallest_mm: float
+) -> float:
+    """Return how far the light at any place of the smallest defect's size is off a depth's.
+
+    Parameters
+    ----------
+    patch, sources : as `_fit`
+    bore : the hole
+    share : of its depth, at which the light explains the picture best
+    smallest_mm : size of the smallest defect
+    """
+    off = np.zeros_like(patch.grey)
+    off[patch.inside], _, _ = _off(patch, sources, bore.radius_mm, share * bore.depth_mm)
+    # a bell that has most of its weight on a disc of that size
+    width_px = SMALLEST_SIGMAS * smallest_mm / patch.pixel_mm
+    weight = gaussian_filter(patch.inside.astype(np.float64), width_px)
+    mean = gaussian_filter(off, width_px)[patch.inside] / weight[patch.inside]
+    return float(np.abs(mean).max()) / max(patch.around, 1.0)
 
 
 def _light(

@@ -90,7 +90,10 @@ def find_evidence(
     deep = is_deep(
         part.solid, recesses, limits.smallest_defect_mm, pixel_mm, least_slope_of_light(views)
     )
-    floors = _floors(part, recesses, edges, looks, views, counted, allowances, settings)
+    floors = _floors(
+        part, recesses, edges, looks, views, counted, allowances, settings,
+        limits.smallest_defect_mm,
+    )  # fmt: skip
     faces = prove_faces(
         part.solid, recesses, edges, looks, narrow, deep, floors, limits.smallest_defect_mm
     )
@@ -191,6 +194,7 @@ def _floors(
     counted: "_Counted",
     allowances: Allowances,
     settings: MeasuringSettings,
+    smallest_mm: float,
 ) -> dict[frozenset[int], Floor]:
     """Return the visible floors of blind holes, by their walls.
 
@@ -202,6 +206,7 @@ def _floors(
     views : views with the pictures that count
     counted : places for which each of them counts
     allowances, settings : see `find_evidence`
+    smallest_mm : size of the smallest defect
     """
     pixel_mm = closest_pixel_mm(views)
     allowed = allowed_mm(part, allowances.tolerance_class)
@@ -217,7 +222,7 @@ def _floors(
             continue
         bore = blind_bore(part.solid, recess)
         rises = (
-            rise_by_light(part, bore, one, lamp)
+            rise_by_light(part, bore, one, lamp, smallest_mm)
             for one in views
             for lamp in one.lamps
             if lamp != BACKLIT and bore is not None and counted.counts_for(one, recess.floor)

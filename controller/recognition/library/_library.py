@@ -176,7 +176,7 @@ def make_entry(
 def _roll(part: CompiledPart, pose: StablePose) -> FreeTurn | None:
     """Return the axis about which a part rolls in a pose, unless it is round about that."""
     family = next((one for one in part.resting.families if one.pose == pose.index), None)
-    if family is None or family.kind not in ("cylinder", "cone"):
+    if family is None or family.kind == "ball":
         return None
     side = np.linalg.svd(family.axis[None])[2][1]
     frame = np.stack([side, np.cross(family.axis, side), family.axis])
