@@ -7,6 +7,8 @@ controller thinks it placed and that lies elsewhere counts as dropped silently.
     python benchmarks/bench_cell.py                       three recipes, ten places each
     python benchmarks/bench_cell.py --recipes holder --places 3 --cell ur5e
     python benchmarks/bench_cell.py --twins chip burr      as-built twins, good and with defects
+    python benchmarks/bench_cell.py --parts benchmarks/parts/clevis.csg.yaml --places 2
+                                   parts as they come: with the recipe that `cellctl init` writes
 """
 
 import json
@@ -93,7 +95,7 @@ class Witness(threading.Thread):
 
 
 def one_run(
-    recipe: str, seed: int, speed: float, lay: Path | None, what: str, runs: Path, cell: str
+    recipe: Path, seed: int, speed: float, lay: Path | None, what: str, runs: Path, cell: str
 ) -> Trial:
     """Run once; never raises for what the cell does."""
     with tempfile.TemporaryDirectory(prefix="cellbench") as scratch:
@@ -101,7 +103,7 @@ def one_run(
         witness = Witness(control)
         witness.start()
         command = [
-            str(Path(sys.executable).with_name("cellctl")), "run", f"recipes/{recipe}.yaml",
+            str(Path(sys.executable).with_name("cellctl")), "run", str(recipe),
             "--speed", f"{speed:g}", "--seed", str(seed), "--json",
             "--runs", str(runs), "--control", str(control),
         ]  # fmt: skip
@@ -120,7 +122,7 @@ def one_run(
         wall_s = time.monotonic() - started
         witness.over.set()
         witness.join()
-    trial = Trial(recipe, what, seed, code, round(wall_s, 1), cell=cell)
+    trial = Trial(name_of(recipe), what, seed, code, round(wall_s, 1), cell=cell)
     results = [json.loads(line) for line in out.splitlines() if line.startswith("{")]
     result = next((r for r in results if r.get("event") == "result"), None)
     if result is None:
@@ -143,8 +145,21 @@ def one_run(
     return trial
 
 
+def name_of(recipe: Path) -> str:
+    """Name of a recipe: its file's, or its project's."""
+    return recipe.parent.name if recipe.name == "recipe.yaml" else recipe.stem
+
+
+def project_of(part: Path, folder: Path) -> Path:
+    """Recipe of a part as it comes, in a project of its own below a folder."""
+    project = folder / part.name.split(".")[0]
+    cellctl = str(Path(sys.executable).with_name("cellctl"))
+    subprocess.run([cellctl, "init", str(project), "--part", str(part)], check=True)
+    return project / "recipe.yaml"
+
+
 def make_twins(
-    recipe: str, kinds: Sequence[str], seed: int, folder: Path
+    recipe: Path, kinds: Sequence[str], seed: int, folder: Path
 ) -> list[tuple[str, Path]]:
     """Write a part as built, within its tolerances, and one with each defect that it can have.
 
@@ -155,9 +170,9 @@ def make_twins(
     seed : draws sizes and places
     folder : written to
     """
-    words = (ROOT / "recipes" / f"{recipe}.yaml").read_text()
+    words = recipe.read_text()
     named = next(line for line in words.splitlines() if line.startswith("part:"))
-    part = read_held_part(ROOT / "recipes" / named.split()[1])
+    part = read_held_part(recipe.parent / named.split()[1])
     made = []
     for kind in ("as_built", *kinds):
         rng = np.random.default_rng([seed, *kind.encode()])
@@ -170,7 +185,7 @@ def make_twins(
         # no slivers that the file's 32 bits would close
         points = triangles_of(built.body.simplify(SLIVER_MM)).reshape(-1, 3)
         points = built.scaled(points)
-        path = folder / f"{recipe}_{kind}.stl"
+        path = folder / f"{name_of(recipe)}_{kind}.stl"
         faces = np.arange(len(points)).reshape(-1, 3)
         trimesh.Trimesh(points, faces, process=False).export(path)
         made.append((kind, path))
@@ -179,7 +194,8 @@ def make_twins(
 
 def main() -> int:
     parser = Arguments(__doc__, recipes=["holder"], places=1)
-    parser.add_argument("--recipes", nargs="+", default=list(RECIPES))
+    parser.add_argument("--recipes", nargs="+", default=[])
+    parser.add_argument("--parts", nargs="+", type=Path, default=[], metavar="CAD")
     parser.add_argument("--places", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("--speed", type=float, default=10.0)
@@ -193,13 +209,16 @@ def main() -> int:
     trials: list[Trial] = []
     with tempfile.TemporaryDirectory(prefix="cellbench") as scratch:
         runs = args.runs or Path(scratch) / "runs"
-        jobs: list[tuple[str, int, Path | None, str]] = [
+        named = args.recipes or ([] if args.parts else RECIPES)
+        recipes = [ROOT / "recipes" / f"{name}.yaml" for name in named]
+        recipes += [project_of(part, Path(scratch)) for part in args.parts]
+        jobs: list[tuple[Path, int, Path | None, str]] = [
             (recipe, args.first_seed + i, None, "perfect")
-            for recipe in args.recipes
+            for recipe in recipes
             for i in range(0 if args.twins else args.places)
         ]
         kinds = list(DEFECTS) if args.twins == ["all"] else args.twins
-        for recipe in args.recipes if args.twins else []:
+        for recipe in recipes if args.twins else []:
             twins = make_twins(recipe, kinds, args.first_seed, Path(scratch))
             jobs += [
                 (recipe, args.first_seed + i, path, kind) for i, (kind, path) in enumerate(twins)
