@@ -154,7 +154,8 @@ def project_of(part: Path, folder: Path) -> Path:
     """Recipe of a part as it comes, in a project of its own below a folder."""
     project = folder / part.name.split(".")[0]
     cellctl = str(Path(sys.executable).with_name("cellctl"))
-    subprocess.run([cellctl, "init", str(project), "--part", str(part)], check=True)
+    command = [cellctl, "init", str(project), "--part", str(part)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return project / "recipe.yaml"
 
 
