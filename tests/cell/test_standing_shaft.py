@@ -1,4 +1,4 @@
-"""A shaft that stands on its end is judged, though the table does not show its turn."""
+"""A shaft that stands on its end, or lies on its side, is judged at any turn about its axis."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from conftest import Run
 
+from controller.cad.compiled import load_part
 from controller.cell.journal import read_rows
 
 SHAFT = """
@@ -30,13 +31,16 @@ inspection: {required: stated}
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("rolls", [False, True], ids=["on its end", "on its side"])
 def test_a_good_shaft_is_not_rejected_for_a_turn_that_was_a_guess(
-    start: Callable[..., Run], tmp_path: Path
+    start: Callable[..., Run], tmp_path: Path, *, rolls: bool
 ) -> None:
-    (tmp_path / "shaft.csg.yaml").write_text(SHAFT, encoding="utf-8")
+    cad = tmp_path / "shaft.csg.yaml"
+    cad.write_text(SHAFT, encoding="utf-8")
     (tmp_path / "shaft.yaml").write_text(RECIPE, encoding="utf-8")
+    poses = [pose.index for pose in load_part(cad).poses if pose.rolling is rolls]
 
-    ran = start(str(tmp_path / "shaft.yaml"), "--seed", "7").follow()
+    ran = start(str(tmp_path / "shaft.yaml"), "--seed", "7", "--pose", str(poses[0])).follow()
     assert ran.result["end"] == "complete"
     (part,) = ran.result["parts"]
     assert part["verdict"] in ("pass", "indeterminate"), part

@@ -8,21 +8,33 @@ import pytest
 from controller.cad.compiled import CompiledPart, load_part
 from controller.cell.devices.emulator import emulator_args
 from controller.cli import main
-from controller.cli.inputs.part_files import emulated_orientation
+from controller.cli.inputs.part_files import emulated_orientation, for_emulator
 from emulators.app import Cell, build_parser, options_of
 from emulators.world import LayoutError, truth
 
 ROOT = Path(__file__).resolve().parents[2]
 CELL = ROOT / "recipes/cells/emulated.yaml"
 PARTS = ROOT / "recipes/parts"
+SHAFT = """
+unit: mm
+tolerance_mm: 0.02
+part:
+  difference:
+    - union:
+        - cylinder: {diameter: 28, height: 30}
+        - cylinder: {diameter: 20, height: 64}
+    - block: {from: [8, -3, 40], to: [12, 3, 56]}
+"""
 AT = (350.0, 20.0, 30.0)  # x, y [mm], theta [deg]
 
 
-def pose_put_down(path: Path, part: CompiledPart, index: int, folder: Path) -> np.ndarray:  # type: ignore[type-arg]
+def pose_put_down(
+    path: Path, part: CompiledPart, index: int, folder: Path, seed: int = 5
+) -> np.ndarray:  # type: ignore[type-arg]
     """Return T_world_part of a part that the emulated cell has put down, by `--pose` and `--at`."""
     orientation = emulated_orientation([part], index)
     given = emulator_args(orientation, "{:g},{:g},{:g}".format(*AT), None)
-    words = ["--cell", str(CELL), "--part", str(path), "--seed", "5", *given]
+    words = ["--cell", str(CELL), "--part", str(path), "--seed", str(seed), *given]
     cell = Cell(options_of(build_parser().parse_args(words)), folder)
     try:
         (told,) = truth(cell.world)["parts"]
@@ -48,6 +60,25 @@ def test_the_emulated_part_rests_in_the_stable_pose_of_this_index(
         )
         R_turn = T_world_part[:3, :3] @ pose.R.T  # the theta of `plan --at`, too
         assert np.degrees(np.arctan2(R_turn[1, 0], R_turn[0, 0])) == pytest.approx(AT[2], abs=0.5)
+
+
+def test_a_part_that_rolls_lies_at_a_roll_by_the_seed(tmp_path: Path) -> None:
+    text = tmp_path / "shaft.csg.yaml"
+    text.write_text(SHAFT, encoding="utf-8")
+    part = load_part(text)
+    (family,) = part.resting.families
+    path = for_emulator(text, part, tmp_path)
+    ups = []
+    for seed in (1, 2, 3):
+        T_world_part = pose_put_down(path, part, family.pose, tmp_path, seed)
+        ups.append(T_world_part[2, :3])
+        assert abs(float(ups[-1] @ family.axis)) < 0.01  # it lies on its side
+        along = T_world_part[:2, :3] @ family.axis
+        nominal = part.poses[family.pose].R[:2] @ family.axis
+        turned = np.degrees(np.arctan2(*along[::-1]) - np.arctan2(*nominal[::-1]))
+        assert (turned - AT[2] + 180) % 360 - 180 == pytest.approx(0.0, abs=1.0)
+    rolls = np.degrees(np.arccos(np.clip(np.stack(ups) @ ups[0], -1, 1)))
+    assert (rolls[1:] > 5.0).all()
 
 
 def test_a_stable_pose_that_the_part_tips_out_of_is_refused(tmp_path: Path) -> None:
