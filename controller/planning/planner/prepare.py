@@ -79,7 +79,7 @@ def prepare_part(
     NotGraspableError : no grasp of the arm gripper holds it
     """
     options = options or PlanOptions()
-    poses = stable_poses(solid)
+    poses = tuple(p for p in stable_poses(solid) if not (p.rolling and p.marginal))
     caster = RayCaster(solid.mesh)
     downs = np.stack([-p.R[2] for p in poses]) if poses else np.zeros((0, 3))
     widest = max(layout.arm_gripper.max_mm, layout.fixed_open_mm) - options.rules.jaw_reserve_mm
