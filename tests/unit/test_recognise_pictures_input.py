@@ -28,6 +28,7 @@ KEYS = {
     "seconds_picture", "free_share", "touching_count", "is_cut", "images", "lies_on",
     "is_covered",
     "is_turn_free",
+    "is_roll_free",
 }  # fmt: skip
 
 

@@ -98,7 +98,8 @@ def test_of_a_shaft_on_its_side_all_is_known_but_its_roll(roll_rad: float) -> No
     assert found.free_turn is not None
     axis = found.free_turn.axis
     assert abs(float(axis @ AXIS)) == pytest.approx(1.0, abs=1e-6)
-    assert not found.free_turn.is_vertical(found.T_world_part)
+    assert found.is_roll_free
+    assert not found.is_turn_free
     along = float(found.T_world_part[:3, :3] @ axis @ T[:3, :3] @ axis)
     assert along > np.cos(np.radians(0.3))
     assert found.sigma_rad < np.radians(0.5)  # that of its turn about the vertical
@@ -114,6 +115,7 @@ def test_the_roll_of_a_round_part_is_no_question() -> None:
 def test_a_standing_shaft_is_known_and_its_turn_is_not() -> None:
     found = on_table("shaft", 0.8)
     assert found.score > 0.9
+    assert found.is_turn_free
     assert found.ambiguous_with == ()
     assert found.sigma_rad == pytest.approx(np.pi / np.sqrt(3))  # of an angle that may be any
     free = found.free_turn

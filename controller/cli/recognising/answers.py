@@ -156,7 +156,8 @@ def _bodies(
             "theta_deg": float(np.degrees(s.theta_rad)),
             "sigma_mm": s.sigma_mm if is_known else None,
             "sigma_deg": float(np.degrees(s.sigma_rad)) if is_known else None,
-            "is_turn_free": s.free_turn is not None,
+            "is_turn_free": s.is_turn_free,
+            "is_roll_free": s.is_roll_free,
             "T_world_part": None if s.T_world_part is None else s.T_world_part.tolist(),
             "score": s.score,
             "ambiguous_with": [
@@ -182,6 +183,8 @@ def _sentence(body: dict[str, Any]) -> str:
     if body["part"] is None:
         return f"{body['image']}: unknown object at {where}: {body['reason']}"
     turn = "turn not seen" if body["is_turn_free"] else f"{body['theta_deg']:.1f} deg"
+    if body["is_roll_free"]:
+        turn += ", roll not seen"
     others = body["ambiguous_with"]
     also = ""
     if others:

@@ -65,13 +65,11 @@ class RecogniseAction:
             if part.neighbours
             else ""
         )
-        free = s.free_turn
         turned = say("{degrees:.1f} deg", degrees=np.degrees(s.theta_rad))
-        if free is None or s.T_world_part is None:
-            turn: str = turned
-        elif free.is_vertical(s.T_world_part):
+        turn: str = turned
+        if s.is_turn_free:
             turn = key("turn not seen")
-        else:
+        elif s.is_roll_free:
             turn = say("{turned}, roll not seen", turned=turned)
         self.record.show(
             "recognised",
