@@ -50,7 +50,7 @@ def test_the_emulated_part_rests_in_the_stable_pose_of_this_index(
 ) -> None:
     path = PARTS / f"{name}.stl"
     part = load_part(path)
-    for pose in (one for one in part.poses if not one.marginal):
+    for pose in (one for one in part.poses if not (one.marginal or one.rolling)):
         T_world_part = pose_put_down(path, part, pose.index, tmp_path)
         up_off = [float(np.linalg.norm(T_world_part[2, :3] - one.R[2])) for one in part.poses]
         assert int(np.argmin(up_off)) == pose.index
