@@ -198,7 +198,9 @@ def locate_view(
     if isinstance(outlined, NotEvaluated):
         return outlined
     strictness = Strictness()
-    if task.facts.is_turn_open:
+    # round jaws that took a round part over have let it turn, by some degrees
+    may_have_spun = task.facts.free_turn is not None and not task.is_hold_measured
+    if task.facts.is_turn_open or may_have_spun:
         others = (one for one in map(outline_view, before) if isinstance(one, OutlinedView))
         views = (*((one,) for one in others), (outlined,))  # the hold may be known better by now
         *_, (outlined,) = settle_turn(part, views, strictness.pose)

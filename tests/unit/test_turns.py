@@ -177,6 +177,20 @@ def test_a_view_of_what_is_not_round_shows_the_turn(true_deg: float) -> None:
     assert np.degrees(rotation_angle(off)) < 1.0
 
 
+def test_the_first_view_of_a_new_grasp_shows_how_far_round_jaws_let_a_part_turn() -> None:
+    facts = PartFacts(free_turn=replace(FREE, is_shown=True))
+    part, asked = PosedPart(solid("shaft")), replace(task(held(-75.0), ()), facts=facts)
+    found = locate_view(part, asked, seen(-80.0))
+    assert not isinstance(found, NotEvaluated), found.reason
+    off = found.fit.T_world_part[:3, :3].T @ held(-80.0)[:3, :3]
+    assert np.degrees(rotation_angle(off)) < 1.0
+    # once the grasp is measured a view is at the turn that is known
+    later = locate_view(part, replace(asked, is_hold_measured=True), seen(-75.0))
+    assert not isinstance(later, NotEvaluated), later.reason
+    off = later.fit.T_world_part[:3, :3].T @ held(-75.0)[:3, :3]
+    assert np.degrees(rotation_angle(off)) < 0.5
+
+
 def test_a_view_of_the_round_side_proves_nothing_but_where_the_part_is() -> None:
     """Hole and keyway point away from the camera."""
     asked = replace(task(held(0.0), ()), facts=PartFacts(free_turn=FREE))
