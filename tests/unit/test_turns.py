@@ -191,6 +191,34 @@ def test_the_first_view_of_a_new_grasp_shows_how_far_round_jaws_let_a_part_turn(
     assert np.degrees(rotation_angle(off)) < 0.5
 
 
+def flanged() -> Body:
+    """A disc with four through holes, of which a pocket on its front tells one."""
+    body = rod(24, 14, 192).translate((0, 0, 7)) - box(7, 5, 6).translate((12, 12, 14))
+    for x, y in ((17, 0), (0, 17), (-17, 0), (0, -17)):
+        body -= rod(3, 40, 64).translate((x, y, 7))
+    return body
+
+
+@pytest.mark.parametrize("true_deg", [-17.0, 73.0, 162.0])
+def test_holes_that_fit_at_a_wrong_turn_do_not_mislead_the_lamps(true_deg: float) -> None:
+    """The outline at the guess is drawn to the nearest of four turns."""
+
+    def shown_at(turn_deg: float) -> Array:
+        T = np.eye(4)
+        T[:3, :3] = (
+            np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) @ (FREE.by(np.radians(turn_deg))[:3, :3])
+        )
+        T[:3, 3] = -T[:3, :3] @ np.array([0.0, 0, 7])
+        return T
+
+    asked = replace(task(shown_at(0.0), ()), facts=PartFacts(free_turn=FREE))
+    part = PosedPart(solid_of(flanged(), "flanged"))
+    found = locate_view(part, asked, photograph(flanged(), shown_at(true_deg), ()))
+    assert not isinstance(found, NotEvaluated), found.reason
+    off = found.fit.T_world_part[:3, :3].T @ shown_at(true_deg)[:3, :3]
+    assert np.degrees(rotation_angle(off)) < 0.5
+
+
 def test_a_view_of_the_round_side_proves_nothing_but_where_the_part_is() -> None:
     """Hole and keyway point away from the camera."""
     asked = replace(task(held(0.0), ()), facts=PartFacts(free_turn=FREE))

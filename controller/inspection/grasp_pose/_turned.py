@@ -6,6 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from controller.arrays import FloatArray
 from controller.imaging import render_maps, view_roi
 from controller.recognition.fitting import (
     RIM_PX,
@@ -61,6 +62,12 @@ def _looks(
     return [look for look in found if look is not None]
 
 
+def _turn_between(T_from: FloatArray, T_to: FloatArray, free: FreeTurn) -> float:
+    """Return the turn [rad] about an axis of the part between two poses (4, 4) that are alike."""
+    rotation, _ = cv2.Rodrigues(np.ascontiguousarray(T_from[:3, :3].T @ T_to[:3, :3]))
+    return float(rotation[:, 0] @ free.axis)
+
+
 def _known(view: OutlinedView) -> OutlinedView:
     facts = replace(view.task.facts, free_turn=None)
     return view.with_task(replace(view.task, facts=facts))
@@ -69,8 +76,13 @@ def _known(view: OutlinedView) -> OutlinedView:
 def _look(
     part: PosedPart, free: FreeTurn, view: OutlinedView, pose: ViewPose
 ) -> TurnPictures | None:
-    """Return a view's lit pictures, cut to the part at its pose; None if it is out of sight."""
-    camera, T_world_part = view.task.camera, pose.T_world_part_measured
+    """Return a view's lit pictures, cut to the part at its pose; None if it is out of sight.
+
+    The pose is at the turn that is expected: an outline of many bores fits at wrong turns, too.
+    """
+    camera, T_measured = view.task.camera, pose.T_world_part_measured
+    turn_rad = _turn_between(view.task.T_world_part_expected, T_measured, free)
+    T_world_part = T_measured @ free.by(-turn_rad)
     roi = view_roi(np.asarray(part.solid.mesh.vertices), T_world_part, camera, RIM_PX)
     if roi is None:
         return None
