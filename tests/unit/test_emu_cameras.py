@@ -28,6 +28,7 @@ LAYOUT = read_layout(CELLS / "genicam.yaml")
 SENSOR = Sensor(1280, 1024, 5.0)
 ADDRESSES = {one.name: address_of(k) for k, one in enumerate(features_of(SENSOR))}
 PATIENCE_S = 60.0
+TRAILER = 2  # of a block of packets
 
 
 class Desk:
@@ -106,11 +107,25 @@ class Client:
         }
         for where, value in settings.items():
             await self.write(where, value)
-        packets: list[bytes] = []
+        packets: dict[int, bytes] = {}
+        last = None
         async with asyncio.timeout(PATIENCE_S):
-            while not packets or packets[-1][4] != 2:
-                packets.append(await asyncio.get_running_loop().sock_recv(self._stream, 9000))
-        return int.from_bytes(packets[0][2:4], "big"), b"".join(one[8:] for one in packets[1:-1])
+            while last is None or len(packets) <= last:
+                one = await asyncio.get_running_loop().sock_recv(self._stream, 9000)
+                packets[int.from_bytes(one[5:8], "big")] = one
+                if one[4] == TRAILER:
+                    last = int.from_bytes(one[5:8], "big")
+                    # a socket's buffer is smaller than a picture: what it had no room for
+                    for number in set(range(last)) - set(packets):
+                        await self._ask_again(one[2:4], number)
+        in_order = [packets[number] for number in range(1, last)]
+        return int.from_bytes(packets[0][2:4], "big"), b"".join(one[8:] for one in in_order)
+
+    async def _ask_again(self, block: bytes, number: int) -> None:
+        self._number += 1
+        request = struct.pack(">BBHHH", 0x42, 0, 0x40, 12, self._number) + b"\0\0" + block
+        request += struct.pack(">II", number, number)
+        await asyncio.get_running_loop().sock_sendto(self._control, request, (self._host, PORT))
 
     def close(self) -> None:
         self._control.close()
