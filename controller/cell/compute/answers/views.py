@@ -10,7 +10,6 @@ from typing import Final
 from controller import inspection as inspecting
 from controller.arrays import FloatArray, Grey
 from controller.config.view_set import load_view_set, parse_view_set
-from controller.recognition import FreeTurn
 from controller.stored import judge_ahead as stored_ahead
 from controller.stored import judge_views, judging_of, read_pictures
 
@@ -73,7 +72,7 @@ def locate(
         is_hold_measured=is_hold_measured, facts=facts,
     )  # fmt: skip
     pictures = inspecting.ViewPictures(backlit=backlit, lit=lit)
-    before = _open_before(job, facts.free_turn)
+    before = _open_before(job, facts)
     found = inspecting.locate_view(context(job).posed, task, pictures, before)
     _located[_view_key(job, view_id, T_world_part, backlit)] = found
     if len(_located) > MAX_LOCATED_COUNT:
@@ -86,8 +85,12 @@ def locate(
     return Located(True, "", found.fit.T_world_part)
 
 
-def _open_before(job: Job, free: FreeTurn | None) -> list[inspecting.PicturedView]:
-    """Return the views so far that left this turn open; those of another one are forgotten."""
+def _open_before(job: Job, facts: inspecting.PartFacts) -> list[inspecting.PicturedView]:
+    """Return the views so far that left this turn open; those of another one are forgotten.
+
+    So are they once a view has shown it: they were expected at the guess before that.
+    """
+    free = facts.free_turn if facts.is_turn_open else None
     guess = () if free is None else (job, free.axis.tobytes(), free.through_mm.tobytes())
     if guess not in _open:
         _open.clear()
