@@ -32,6 +32,7 @@ from trace_held_parts import read_held_part, triangles_of
 RECIPES = ("featuretype", "flange_xy", "idler_riser")
 RUN_LIMIT_S = 1500.0
 SLIVER_MM = 0.002
+CELLCTL = str(Path(sys.executable).with_name("cellctl"))
 
 
 @dataclass
@@ -103,7 +104,7 @@ def one_run(
         witness = Witness(control)
         witness.start()
         command = [
-            str(Path(sys.executable).with_name("cellctl")), "run", str(recipe),
+            CELLCTL, "run", str(recipe),
             "--speed", f"{speed:g}", "--seed", str(seed), "--json",
             "--runs", str(runs), "--control", str(control),
         ]  # fmt: skip
@@ -153,8 +154,7 @@ def name_of(recipe: Path) -> str:
 def project_of(part: Path, folder: Path) -> Path:
     """Recipe of a part as it comes, in a project of its own below a folder."""
     project = folder / part.name.split(".")[0]
-    cellctl = str(Path(sys.executable).with_name("cellctl"))
-    command = [cellctl, "init", str(project), "--part", str(part)]
+    command = [CELLCTL, "init", str(project), "--part", str(part)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return project / "recipe.yaml"
 

@@ -38,6 +38,15 @@ def lengths(vectors: FloatArray) -> FloatArray:
     return np.sqrt(inner(vectors, vectors))
 
 
+def square_to(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two unit vectors (3,) that form a right-handed frame with a unit one."""
+    least = np.zeros(3)
+    least[np.argmin(np.abs(direction))] = 1.0
+    e1 = np.cross(direction, least)
+    e1 /= np.linalg.norm(e1)
+    return e1, np.cross(direction, e1)
+
+
 def median(values: FloatArray | Float32Array) -> float:
     """Return the median of values (n,), one at least; none is NaN."""
     half = len(values) // 2

@@ -12,7 +12,10 @@ from .errors import ConfigError
 SHIPPED: Final = Path(__file__).resolve().parents[2] / "recipes"
 EMULATED_CELL: Final = SHIPPED / "cells" / "emulated.yaml"
 DEFAULT_RECIPE: Final = SHIPPED / "featuretype.yaml"
-PROJECT_RECIPE: Final = Path("recipe.yaml")  # as `cellctl init` names it
+# As `cellctl init` names them.
+PROJECT_RECIPE: Final = Path("recipe.yaml")
+PROJECT_CELL: Final = "cell.yaml"
+PROJECT_PARTS: Final = "parts"
 
 
 def shipped_recipes() -> list[str]:

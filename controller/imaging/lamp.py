@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.arrays import FloatArray
+from controller.arrays import FloatArray, square_to
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -34,10 +34,7 @@ class PointLamp:
         radius_mm : radius of the ring
         count : points that stand for the ring
         """
-        helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
-        e1 = np.cross(axis, helper)
-        e1 /= np.linalg.norm(e1)
-        e2 = np.cross(axis, e1)
+        e1, e2 = square_to(axis)
         phi = np.arange(count) * 2 * np.pi / count
         points = centre_mm + radius_mm * (np.cos(phi)[:, None] * e1 + np.sin(phi)[:, None] * e2)
         return PointLamp(name, points)

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from controller.arrays import FloatArray, IntArray
+from controller.arrays import FloatArray, IntArray, square_to
 
 from ..graph import components
 from ._curves import PLANE_RATIO, WIDE_RATIO, Strips
@@ -256,12 +256,3 @@ def _centre_of(normals: FloatArray, heights: FloatArray) -> FloatArray:
     system = np.column_stack([normals, np.ones(len(normals))])
     solution, *_ = np.linalg.lstsq(system, heights, rcond=1e-9)
     return np.asarray(solution[:3])
-
-
-def square_to(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two unit vectors (3,) square to a direction and to each other."""
-    least = np.zeros(3)
-    least[np.argmin(np.abs(direction))] = 1.0
-    e1 = np.cross(direction, least)
-    e1 /= np.linalg.norm(e1)
-    return e1, np.cross(direction, e1)

@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.arrays import BoolArray, FloatArray, IntArray, square_to
 
 from ..boundary import Face
 from ..graph import components
 from ._curves import LARGE_MM, PLANE_RATIO, SMOOTH_RAD, Strips
-from ._families import square_to
 from ._hull import Hull
 
 MAX_AXES = 6  # axes tried, those of the largest surfaces

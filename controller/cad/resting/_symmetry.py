@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, FloatArray, square_to
 from controller.imaging import rotation_angle
 
 from ..solid import Solid
-from ._families import square_to
 from ._poses import StablePose
 from ._surface import SAME, SymmetryMesh, rotation_about
 

@@ -11,25 +11,21 @@ from controller.cad.compiled import UNITLESS
 from controller.cad.reading import files_of, load_solid
 from controller.config import EMULATED_CELL, SHIPPED, ConfigError, load_recipe, split_cad
 from controller.config.new_recipe import new_recipe
+from controller.config.shipped import PROJECT_CELL, PROJECT_PARTS, PROJECT_RECIPE
 
 from ..inputs.checks import check_empty_folder, require_files
 from ..terminal.output import emit, print_line
 
 STARTER: Final = Path(__file__).parent / "starter"
-PARTS: Final = "parts"
-CELL: Final = "cell.yaml"
-RECIPE: Final = "recipe.yaml"
-OUR_PART: Final = SHIPPED / PARTS / "holder.stl"
-OUR_LICENCE: Final = SHIPPED / PARTS / "LICENSE-trimesh"
-OUR_DENSITY_G_CM3: Final = 2.7
+OUR_RECIPE: Final = SHIPPED / "holder.yaml"
+OUR_LICENCE: Final = "LICENSE-trimesh"  # beside its part
 CELL_HEAD: Final = """\
 # The cell of this project. Replace `emulated` by the address of each real device, one by one, and
 # the positions by measured ones; `cellctl doctor` looks at the devices and moves nothing.
 """
 OUR_ROWS: Final = """\
 | `parts/holder.stl` | the part: `models/rod.3DXML`, body "holder", of github.com/mikedh/trimesh |
-| `parts/LICENSE-trimesh` | its licence (MIT) |
-"""
+| `parts/LICENSE-trimesh` | its licence (MIT) |"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +37,7 @@ class StarterPart:
     path : CAD file; ``file.step#NAME`` is one body of a file of several
     unit : unit of its lengths, for a format that names none
     density_g_cm3 : of its material, if it is known
-    beside : further files for the folder of the part
+    beside : further files of its folder
     """
 
     path: Path
@@ -52,12 +48,16 @@ class StarterPart:
     @property
     def files(self) -> dict[str, Path]:
         """Its files by their names in the project."""
-        part, *named = files_of(self.path)
-        inside = {f"{PARTS}/{one.relative_to(part.parent).as_posix()}": one for one in named}
-        return {f"{PARTS}/{one.name}": one for one in (part, *self.beside)} | inside
+        files = (*files_of(self.path), *self.beside)
+        folder = files[0].parent
+        return {f"{PROJECT_PARTS}/{one.relative_to(folder).as_posix()}": one for one in files}
 
 
-OURS: Final = StarterPart(OUR_PART, "mm", OUR_DENSITY_G_CM3, (OUR_LICENCE,))
+def our_part() -> StarterPart:
+    """Return the part that comes with cellctl, as its recipe has it."""
+    ours = load_recipe(OUR_RECIPE)
+    licence = ours.part.with_name(OUR_LICENCE)
+    return StarterPart(ours.part, ours.unit, ours.density_g_cm3, (licence,))
 
 
 def lay_out_project(folder: Path, part: StarterPart | None, *, as_json: bool) -> int:
@@ -78,23 +78,23 @@ def lay_out_project(folder: Path, part: StarterPart | None, *, as_json: bool) ->
     if part is not None:
         require_files([part.path])
         load_solid(part.path, unit=part.unit)
-    used = part or OURS
+    used = part or our_part()
     source = split_cad(used.path)
     name, files = source.part_name, used.files
     recipe = new_recipe(
         name,
-        f"{PARTS}/{source.name}",
+        f"{PROJECT_PARTS}/{source.name}",
         unit=(used.unit or "mm") if source.ending in UNITLESS else None,
         density_g_cm3=used.density_g_cm3,
-        cell=CELL,
+        cell=PROJECT_CELL,
     )
     readme = (STARTER / "README.md").read_text(encoding="utf-8")
-    rows = OUR_ROWS if part is None else f"| `{PARTS}/{source.file.name}` | the part |\n"
+    rows = OUR_ROWS if part is None else f"| `{PROJECT_PARTS}/{source.file.name}` | the part |"
     script = (STARTER / "plan_part.py").read_text(encoding="utf-8")
     texts = {
-        RECIPE: recipe,
-        CELL: CELL_HEAD + EMULATED_CELL.read_text(encoding="utf-8"),
-        "README.md": readme.replace(OUR_ROWS, rows),
+        PROJECT_RECIPE.name: recipe,
+        PROJECT_CELL: CELL_HEAD + EMULATED_CELL.read_text(encoding="utf-8"),
+        "README.md": readme.format(part_rows=rows),
         "plan_part.py": script.replace('"holder.stl"', json.dumps(source.name)),
     }
     try:
@@ -105,7 +105,7 @@ def lay_out_project(folder: Path, part: StarterPart | None, *, as_json: bool) ->
             (folder / file).write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be written: {error.strerror or error}") from error
-    load_recipe(folder / RECIPE)
+    load_recipe(folder / PROJECT_RECIPE)
     steps = "cellctl check, cellctl plan, cellctl run --speed 10"
     tell_files(folder, (*texts, *files), steps, as_json=as_json)
     return 0

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.arrays import FloatArray
+from controller.arrays import FloatArray, square_to
 from messages import key
 
 from .._types import Verdict
@@ -163,10 +163,7 @@ def place_of(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
 
 def rim_directions(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return two unit directions (3,) that form a right-handed frame with an axis."""
-    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    first = np.cross(axis, helper)
-    first /= np.linalg.norm(first)
-    return first, np.cross(axis, first)
+    return square_to(axis)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

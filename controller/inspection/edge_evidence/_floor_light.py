@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from controller.arrays import BoolArray, FloatArray, Grey
+from controller.arrays import BoolArray, FloatArray, Grey, square_to
 from controller.cad import Recess, Solid
 from controller.imaging import Camera, PointLamp, inverse_pose, transform
 
@@ -105,7 +105,7 @@ def rise_by_light(
     if source is None or lamp not in view.pictures.lit:
         return None
     T_part_world = inverse_pose(view.T_world_part_measured)
-    axes = _axes(bore.axis)
+    axes = np.stack([*square_to(bore.axis), bore.axis])
     eye = (transform(T_part_world, view.task.camera.position_mm[None])[0] - bore.mouth_mm) @ axes.T
     sources = (transform(T_part_world, _points(source)) - bore.mouth_mm) @ axes.T
     if eye[2] < MIN_TILT_COS * np.linalg.norm(eye) or (sources[:, 2] <= 0).any():
@@ -113,8 +113,8 @@ def rise_by_light(
     patch = _patch(part, bore, view, eye, axes, view.pictures.lit[lamp])
     if patch is None or not _is_open(part, view, bore, axes, sources):
         return None
-    fits = np.array([_fit(patch, sources, bore.radius_mm, s * bore.depth_mm) for s in SHARES])
-    misfit, gain, even = fits.T
+    fits = [_fit(patch, sources, bore.radius_mm, s * bore.depth_mm) for s in SHARES]
+    misfit, gain, even = np.array([one[1:] for one in fits]).T
     best = int(np.argmin(misfit))
     if best in (0, len(SHARES) - 1) or misfit[best] > (1.0 - EXPLAINED) * patch.variance:
         return None
@@ -132,7 +132,7 @@ def rise_by_light(
         (1.0 - share) * bore.depth_mm,
         spread * bore.depth_mm,
         is_by_light=True,
-        uneven=_uneven(patch, sources, bore, SHARES[best], smallest_mm),
+        uneven=_uneven(patch, fits[best][0], smallest_mm),
     )
 
 
@@ -150,14 +150,6 @@ class _Patch:
     @property
     def variance(self) -> float:
         return float(self.grey[self.inside].var())
-
-
-def _axes(axis: FloatArray) -> FloatArray:
-    """Return an orthonormal frame (3, 3), in rows, whose last vector is a given axis."""
-    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    first = np.cross(axis, helper)
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(axis, first), axis])
 
 
 def _points(lamp: PointLamp) -> FloatArray:
@@ -243,28 +235,19 @@ def _is_open(
 
 def _fit(
     patch: _Patch, sources: FloatArray, radius_mm: float, depth_mm: float
-) -> tuple[float, float, float]:
-    """Return a depth's mean square misfit [grey²], with its gain and even light.
+) -> tuple[FloatArray, float, float, float]:
+    """Return what a depth leaves of the grey levels within the mouth (k,), and how it fits.
 
     Parameters
     ----------
     patch : grey levels about the mouth
     sources : (n, 3) points of the lamp, bore's frame
     radius_mm, depth_mm : radius and depth of the hole
-    """
-    off, gain, even = _off(patch, sources, radius_mm, depth_mm)
-    around = max(patch.around, 1.0)
-    return float(np.mean(np.square(off))), gain / around, even / around
 
-
-def _off(
-    patch: _Patch, sources: FloatArray, radius_mm: float, depth_mm: float
-) -> tuple[FloatArray, float, float]:
-    """Return what a depth leaves of the grey levels within the mouth (k,), its gain, even light.
-
-    Parameters
-    ----------
-    patch, sources, radius_mm, depth_mm : as `_fit`
+    Returns
+    -------
+    off, misfit : what is left [grey], and its mean square [grey²]
+    gain, even : of the floor, and even light on it, in the surface about the mouth
     """
     size = len(patch.grey)
     light = _light(patch.eye, patch.lines, sources, radius_mm, depth_mm)
@@ -273,27 +256,26 @@ def _off(
     grey = patch.grey[patch.inside]
     design = np.column_stack([seen, np.ones(len(seen))])
     (gain, even), *_ = np.linalg.lstsq(design, grey, rcond=None)
-    return np.asarray(grey - design @ [gain, even]), float(gain), float(even)
+    off = np.asarray(grey - design @ [gain, even])
+    around = max(patch.around, 1.0)
+    return off, float(np.mean(np.square(off))), float(gain) / around, float(even) / around
 
 
-def _uneven(
-    patch: _Patch, sources: FloatArray, bore: BlindBore, share: float, smallest_mm: float
-) -> float:
+def _uneven(patch: _Patch, off: FloatArray, smallest_mm: float) -> float:
     """Return how far the light at any place of the smallest defect's size is off a depth's.
 
     Parameters
     ----------
-    patch, sources : as `_fit`
-    bore : the hole
-    share : of its depth, at which the light explains the picture best
+    patch : grey levels about the mouth
+    off : (k,) what the depth leaves of those within it
     smallest_mm : size of the smallest defect
     """
-    off = np.zeros_like(patch.grey)
-    off[patch.inside], _, _ = _off(patch, sources, bore.radius_mm, share * bore.depth_mm)
+    whole = np.zeros_like(patch.grey)
+    whole[patch.inside] = off
     # a bell that has most of its weight on a disc of that size
     width_px = SMALLEST_SIGMAS * smallest_mm / patch.pixel_mm
     weight = gaussian_filter(patch.inside.astype(np.float64), width_px)
-    mean = gaussian_filter(off, width_px)[patch.inside] / weight[patch.inside]
+    mean = gaussian_filter(whole, width_px)[patch.inside] / weight[patch.inside]
     return float(np.abs(mean).max()) / max(patch.around, 1.0)
 
 

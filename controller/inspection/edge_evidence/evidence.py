@@ -87,9 +87,7 @@ def find_evidence(
     cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
     narrow = is_narrow(part.solid, limits.smallest_defect_mm, pixel_mm, cosine)
     recesses = find_recesses(part.solid)
-    deep = is_deep(
-        part.solid, recesses, limits.smallest_defect_mm, pixel_mm, least_slope_of_light(views)
-    )
+    deep = is_deep(part.solid, recesses, limits.smallest_defect_mm, pixel_mm, _least_slope(views))
     floors = _floors(
         part, recesses, edges, looks, views, counted, allowances, settings,
         limits.smallest_defect_mm,
@@ -163,7 +161,7 @@ def closest_pixel_mm(views: Sequence[PosedView]) -> float:
     return min(v.task.camera.mm_per_px(v.T_world_part_measured[:3, 3]) for v in views)
 
 
-def least_slope_of_light(views: Sequence[PosedView]) -> float:
+def _least_slope(views: Sequence[PosedView]) -> float:
     """Return the tangent of the angle at the part between the camera and the lamp nearest to it.
 
     It is inf without a lamp.

@@ -71,9 +71,9 @@ MIN_OTHER_ERROR: Final = (
 )
 FAINT_GREY: Final = 12.0
 DISC_SHARE: Final = 0.6  # least share of a defect's disc on compared pixels
-# Radii of a disc between its centre and a straight border that leaves `DISC_SHARE` of it: t of
-# 0.5 + (t sqrt(1 - t^2) + asin t) / pi = 0.6.
-DISC_OFF: Final = 0.158
+# Radii of a disc between its centre and a straight border that leaves `DISC_SHARE` of it: the root
+# of 0.5 + (t sqrt(1 - t^2) + asin t) / pi = share, to a thousandth.
+DISC_OFF: Final = 0.5 * np.pi * (DISC_SHARE - 0.5)
 SPREAD_NODES: Final = 8  # step in nodes: the pose's spread changes slowly
 # Border of a gripper's shadow, which no lamp's size is known well enough for.
 SHADOW_NODES: Final = 5

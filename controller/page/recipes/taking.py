@@ -14,10 +14,9 @@ from controller.config import ConfigError, is_cell_file, load_recipe, yaml_tree
 from controller.config.cad_files import body_name, body_path
 from controller.config.files import file_sha256
 from controller.config.new_recipe import new_recipe
+from controller.config.shipped import PROJECT_CELL, PROJECT_PARTS
 
 STEM: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
-PARTS: Final = "parts"
-CELL: Final = "cell.yaml"  # as `cellctl init` names it
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,11 +116,11 @@ def take(staged: Staged, project: Path, stem: str) -> Path:
     recipe = project / f"{stem}.yaml"
     text = new_recipe(
         stem,
-        f"{PARTS}/{staged.part.name}",
+        f"{PROJECT_PARTS}/{staged.part.name}",
         unit=staged.unit if staged.is_unitless else None,
-        cell=CELL if _has_cell(project) else None,
+        cell=PROJECT_CELL if _has_cell(project) else None,
     )
-    part = project / PARTS / staged.path.name
+    part = project / PROJECT_PARTS / staged.path.name
     try:
         is_new = _put_part(staged, part)
     except OSError as error:
@@ -153,14 +152,14 @@ def _put_part(staged: Staged, part: Path) -> bool:
     except FileExistsError:
         if file_sha256(part) != staged.sha256:
             raise ConfigError(
-                f"{PARTS}/{part.name} is there already and is another file; rename yours"
+                f"{PROJECT_PARTS}/{part.name} is there already and is another file; rename yours"
             ) from None
         return False
     return True
 
 
 def _has_cell(project: Path) -> bool:
-    path = project / CELL
+    path = project / PROJECT_CELL
     try:
         return path.is_file() and is_cell_file(yaml_tree(path))
     except ConfigError:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, FloatArray, square_to
 from controller.cad import Crease, Face, Solid
 from controller.imaging import RayCaster, inverse_pose, transform
 
@@ -179,9 +179,8 @@ def _middle(ring: FloatArray) -> FloatArray:
 
 def _around(axis: FloatArray, turns: FloatArray) -> FloatArray:
     """Return the directions (k, 3) square to an axis at some turns (k,) about it [rad]."""
-    u = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    u /= np.linalg.norm(u)
-    return np.outer(np.cos(turns), u) + np.outer(np.sin(turns), np.cross(axis, u))
+    u, v = square_to(axis)
+    return np.asarray(np.outer(np.cos(turns), u) + np.outer(np.sin(turns), v))
 
 
 def _inside(face: Face, ring: FloatArray) -> FloatArray:

@@ -125,8 +125,8 @@ class Sighting:
         """
         assert self.T_world_part is not None
         place_mm = about_mm = np.array([self.x_mm, self.y_mm, 0.0])
-        if self.free_turn is not None and self.is_turn_free:
-            about_mm = transform(self.T_world_part, self.free_turn.through_mm[None])[0]
+        if (free := self.upright_turn) is not None:
+            about_mm = transform(self.T_world_part, free.through_mm[None])[0]
         about = twist(np.array([0.0, 0.0, turn_rad]), np.zeros(3), about_mm)
         x_mm, y_mm, _ = transform(about, place_mm[None])[0].tolist()
         return replace(
@@ -146,8 +146,8 @@ class Sighting:
         ----------
         T_world_part : (4, 4) pose in which it was set down, to some degrees
         """
-        free = self.free_turn
-        if free is None or self.T_world_part is None or not self.is_turn_free:
+        free = self.upright_turn
+        if free is None or self.T_world_part is None:
             return self
         off = T_world_part[:3, :3] @ self.T_world_part[:3, :3].T
         if off[2, 2] < np.cos(TIPPED_RAD):
@@ -156,20 +156,22 @@ class Sighting:
         return replace(guess, free_turn=replace(free, is_shown=True))
 
     @property
+    def upright_turn(self) -> FreeTurn | None:
+        """The free turn of a part that stands on its end, which is one about the vertical."""
+        free, T_world_part = self.free_turn, self.T_world_part
+        if free is None or T_world_part is None or not free.is_vertical(T_world_part):
+            return None
+        return free
+
+    @property
     def is_turn_free(self) -> bool:
         """True if its turn about the vertical is a guess: it stands on its end."""
-        return self._has_free_turn(is_vertical=True)
+        return self.upright_turn is not None
 
     @property
     def is_roll_free(self) -> bool:
         """True if its turn about its own axis is a guess: it lies on its side."""
-        return self._has_free_turn(is_vertical=False)
-
-    def _has_free_turn(self, *, is_vertical: bool) -> bool:
-        free, T_world_part = self.free_turn, self.T_world_part
-        if free is None or T_world_part is None:
-            return False
-        return free.is_vertical(T_world_part) is is_vertical
+        return self.free_turn is not None and not self.is_turn_free
 
     @property
     def sigma_mm(self) -> float:

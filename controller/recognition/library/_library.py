@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from controller.arrays import Float32Array, FloatArray
+from controller.arrays import Float32Array, FloatArray, square_to
 from controller.cad import CadError, PartSymmetry, Solid, StablePose, camera_view, prepare_views
 from controller.cad.compiled import CompiledPart
 from controller.imaging import Camera, RayCaster
@@ -178,9 +178,7 @@ def _roll(part: CompiledPart, pose: StablePose) -> FreeTurn | None:
     family = next((one for one in part.resting.families if one.pose == pose.index), None)
     if family is None or family.kind == "ball":
         return None
-    side = np.linalg.svd(family.axis[None])[2][1]
-    frame = np.stack([side, np.cross(family.axis, side), family.axis])
-    same_rad = turns_that_keep(frame, part.symmetry)
+    same_rad = turns_that_keep(np.stack([*square_to(family.axis), family.axis]), part.symmetry)
     return FreeTurn(family.axis, family.centre_mm, same_rad) if len(same_rad) else None
 
 
