@@ -278,6 +278,54 @@ def test_a_blind_bore_of_another_depth_is_not_shown(depth_mm: float) -> None:
     assert not blind_wall(evidence(blind_part(), blind(depth_mm), LOOKS)).is_verified
 
 
+def proven(found: EdgeEvidence, kind: FindingKind) -> list[str]:
+    """What is against a part for certain, by findings of a kind."""
+    every = [f for of_view in found.findings.values() for f in of_view]
+    return [f.words for f in every if f.kind is kind and f.is_sure]
+
+
+ALMOST_ALONG = ((6.0, 6.0),)
+
+
+@pytest.mark.parametrize("depth_mm", [4.0, 5.0])
+def test_a_depth_that_edges_and_light_of_one_view_agree_on_is_certain(depth_mm: float) -> None:
+    found = evidence(blind_part(3.0), blind(depth_mm, 3.0), ALMOST_ALONG)
+    told = proven(found, FindingKind.DIMENSION)
+    assert told
+    assert all(f"{8.0 - depth_mm:.1f} mm higher" in one for one in told)
+
+
+def test_a_depth_that_edges_alone_or_light_alone_show_in_one_view_is_not_certain() -> None:
+    by_edges = evidence(blind_part(), blind(7.0), ((26.0, 8.0),))  # too flat for the light
+    by_light = evidence(blind_part(3.0), blind(5.0, 3.0), ((0.0, 0.0),))
+    for found in (by_edges, by_light):
+        assert places_against(found)
+        assert not proven(found, FindingKind.DIMENSION)
+
+
+def test_a_hole_that_no_view_shows_any_of_is_certainly_missing() -> None:
+    found = evidence(blind_part(), box(46, 34, 24), LOOKS)
+    (words,) = proven(found, FindingKind.MISSING_EDGE)
+    assert "a whole mouth, 25." in words
+
+
+@pytest.mark.parametrize(
+    ("radius_mm", "looks"), [(4.0, ((-5.0, 5.0), (5.0, -4.0))), (1.4, LOOKS)],
+    ids=["hardly turned", "smaller than any defect"],
+)  # fmt: skip
+def test_a_mouth_that_light_may_hide_is_not_certainly_missing(
+    radius_mm: float, looks: tuple[tuple[float, float], ...]
+) -> None:
+    found = evidence(blind_part(radius_mm), box(46, 34, 24), looks)
+    assert found.missing
+    assert not proven(found, FindingKind.MISSING_EDGE)
+
+
+def test_a_hole_elsewhere_is_not_missing() -> None:
+    body = box(46, 34, 24) - rod(4, 16, 64).translate((-7.5, 2, 12))
+    assert not proven(evidence(blind_part(), body, LOOKS), FindingKind.MISSING_EDGE)
+
+
 def test_a_floor_seen_along_the_axis_proves_no_depth() -> None:
     assert not blind_wall(evidence(blind_part(), blind(8.0), ((0.0, 0.0),))).is_verified
 

@@ -7,8 +7,10 @@ import socket
 import ssl
 import threading
 import time
+from base64 import b64encode
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from hashlib import scrypt
 from pathlib import Path
 from typing import Any
 
@@ -549,6 +551,26 @@ def test_two_accounts_with_one_password_have_different_hashes(tmp_path: Path) ->
     accounts.remove("ada")
     assert accounts.find("ada", PASSWORD) is None
     assert accounts.find("bob", PASSWORD) is not None
+
+
+def test_an_account_hashed_in_one_pass_still_logs_in(tmp_path: Path) -> None:
+    """As the files of 0.2.0, which name no passes."""
+    path = tmp_path / "accounts.json"
+    salt = b"0123456789abcdef"
+    digest = scrypt(PASSWORD.encode(), salt=salt, n=2**4, r=8, p=1, dklen=32)
+    one = {
+        "role": "viewer",
+        "salt": b64encode(salt).decode(),
+        "hash": b64encode(digest).decode(),
+        "cost": 2**4,
+    }
+    path.write_text(json.dumps({"accounts": {"ada": one}}))
+    path.chmod(0o600)
+    accounts = Accounts(path)
+    assert accounts.find("ada", PASSWORD) is not None
+    assert accounts.find("ada", PASSWORD + "x") is None
+    accounts.put("ada", Role.VIEWER, PASSWORD)  # hashed anew, at today's cost
+    assert accounts.find("ada", PASSWORD) is not None
 
 
 def test_the_accounts_stand_in_the_users_folder(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,19 +1,23 @@
 """Evidence of edges against a part: floors at another depth, edges out of place.
 
-The absence of an edge from its place proves nothing. This module uses positive evidence: the same
-edge, complete and on a course of its own, where no good part can have it. Such evidence counts
-whatever else is compared or left out.
+The absence of an edge from its place proves nothing, since two faces may be equally bright. So a
+part fails by positive evidence: the same edge, complete and on a course of its own, where no good
+part can have it; a floor at another depth, by its edges and by its light. A whole mouth is the
+exception, since the dark of its hollow lies beside the light on the face about it all round. Such
+evidence counts whatever else is compared or left out.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
-from controller.arrays import BoolArray, IndexArray
-from controller.cad import Recess, Solid
+from controller.arrays import BoolArray, FloatArray, IndexArray
+from controller.cad import Mouth, Recess, Solid, find_mouths
 from messages import key, say
 
+from .._apart import is_turned
 from .._types import Finding, FindingKind
 from ..dimensions import MeasuringSettings
 from ..integrity import Allowances
@@ -21,7 +25,7 @@ from ..limits import SURE_SIGMAS
 from ._depth import FOLLOWS, Floor
 from ._displaced import MIN_POINTS, course_of, known_points, wave_of
 from ._edges import PartEdges
-from ._faces import GREATER_PART, TWO, MissingEdge, floor_words
+from ._faces import CHANCE, GREATER_PART, TWO, MissingEdge, floor_words
 from ._looks import FORM_PX, EdgeLook, State
 
 
@@ -59,7 +63,9 @@ def find_against(
     looks: Sequence[EdgeLook],
     floors: Iterable[Floor],
     missing: Sequence[MissingEdge],
+    T_world_part: Mapping[str, FloatArray],
     pixel_mm: float,
+    smallest_mm: float,
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> dict[str, tuple[Finding, ...]]:
@@ -72,17 +78,20 @@ def find_against(
     looks : looks at them
     floors : floors of its blind holes
     missing : edges that must be visible, and are so in no picture
+    T_world_part : (4, 4) pose of the part by view id
     pixel_mm : pixel size at the part
+    smallest_mm : size of the smallest defect
     allowances : allowed unevenness
     settings : uncertainties from light
     """
     out: dict[str, list[Finding]] = {}
     of_look = {(look.view_id, look.lamp): look for look in looks}
     places = _Places(recesses)
+    mouths = _absent_mouths(solid, edges, looks, missing, T_world_part, smallest_mm)
     for view_id, finding in (
         *(one for floor in floors for one in _floor_findings(solid, edges, floor, of_look)),
         *_edge_findings(edges, looks, places, pixel_mm, allowances, settings),
-        *_missing_findings(edges, looks, places, missing),
+        *_missing_findings(edges, looks, places, missing, mouths),
     ):
         out.setdefault(view_id, []).append(finding)
     return {view_id: tuple(found) for view_id, found in out.items()}
@@ -103,10 +112,9 @@ def _floor_findings(
     bottom = sorted(floor.recess.bottom(solid))
     points = np.flatnonzero(np.isin(edges.edge, list(floor.recess.floor)))
     for one in floor.elsewhere:
-        source = "light" if one.is_by_light else one.view_id
-        if source in told or len(points) == 0:
+        if one.source in told or len(points) == 0:
             continue
-        told.add(source)
+        told.add(one.source)
         look = of_look[one.view_id, one.lamp]
         yield (
             one.view_id,
@@ -118,6 +126,7 @@ def _floor_findings(
                 faces=(*bottom, *sorted(floor.recess.walls)),
                 area_mm2=sum(solid.faces[face].area_mm2 for face in bottom),
                 words=floor_words(floor.off_mm),
+                is_sure=floor.is_agreed,
             ),
         )
 
@@ -176,8 +185,54 @@ def _edge_findings(
         )
 
 
+def _absent_mouths(
+    solid: Solid,
+    edges: PartEdges,
+    looks: Sequence[EdgeLook],
+    missing: Sequence[MissingEdge],
+    T_world_part: Mapping[str, FloatArray],
+    smallest_mm: float,
+) -> list[Mouth]:
+    """Return the mouths that no picture shows: the part lacks the hollow.
+
+    Nothing of it is in place, or close to it, in any picture that must show most of it; in two of
+    them the part is turned. It is at least as long as that of a hole of the smallest defect's size:
+    what is smaller is dark more easily, and nobody asks for it.
+
+    Parameters
+    ----------
+    solid, edges, looks, missing, T_world_part, smallest_mm : see `find_against`
+    """
+    gone = {one.edge for one in missing}
+    out = []
+    for mouth in find_mouths(solid):
+        points = np.flatnonzero(np.isin(edges.edge, list(mouth.edges)))
+        if not set(edges.edge[points].tolist()) <= gone:
+            continue
+        if edges.length_mm[points].sum() < np.pi * smallest_mm:
+            continue
+        showing = [
+            (look.view_id, look.state[points])
+            for look in looks
+            if (look.state[points] != State.HIDDEN).mean() > GREATER_PART
+        ]
+        is_near = any(
+            np.isin(state, (State.IN_PLACE, State.ELSEWHERE)).mean() >= CHANCE
+            for _, state in showing
+        )
+        poses = [T_world_part[view_id] for view_id, _ in showing]
+        is_other_look = any(is_turned(T, T_other) for T, T_other in combinations(poses, 2))
+        if is_other_look and not is_near:
+            out.append(mouth)
+    return out
+
+
 def _missing_findings(
-    edges: PartEdges, looks: Sequence[EdgeLook], places: _Places, missing: Sequence[MissingEdge]
+    edges: PartEdges,
+    looks: Sequence[EdgeLook],
+    places: _Places,
+    missing: Sequence[MissingEdge],
+    absent: Sequence[Mouth],
 ) -> Iterator[tuple[str, Finding]]:
     """Yield a finding for each feature's missing edges, in the picture that must show most."""
     by_place: dict[frozenset[int], list[MissingEdge]] = {}
@@ -188,11 +243,12 @@ def _missing_findings(
         look = max(looks, key=lambda look: int((look.state[points] != State.HIDDEN).sum()))
         length_mm = sum(one.length_mm for one in every)
         count = max(one.look_count for one in every)
-        what = (
-            key("an edge")
-            if len(every) == 1
-            else say("{every_count} edges", every_count=len(every))
-        )
+        own = {one.edge for one in every}
+        is_sure = any(mouth.edges & own for mouth in absent)
+        what = key("a whole mouth")
+        if not is_sure:
+            several = say("{every_count} edges", every_count=len(every))
+            what = key("an edge") if len(every) == 1 else several
         words = say(
             "{what}, {length_mm:.1f} mm long, shown by none of {count} pictures that must show it",
             what=what,
@@ -209,6 +265,7 @@ def _missing_findings(
                 faces=tuple(dict.fromkeys(face for one in every for face in one.faces)),
                 area_mm2=look.pixel_mm(points) * length_mm,
                 words=words,
+                is_sure=is_sure,
             ),
         )
 
@@ -279,6 +336,7 @@ def _finding(
     faces: tuple[int, ...],
     area_mm2: float,
     words: str,
+    is_sure: bool = False,
 ) -> Finding:
     """Return a picture's finding along some points (k,) of edges."""
     at = look.pixels[points]
@@ -293,5 +351,6 @@ def _finding(
         box_px=(int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1),
         p_part_mm=edges.points_mm[points].mean(axis=0),
         face_ids=faces,
+        is_sure=is_sure,
         words=words,
     )

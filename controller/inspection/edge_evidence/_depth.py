@@ -61,6 +61,17 @@ class FloorLook:
         """Largest possible error of the height."""
         return SURE_SIGMAS * self.u_mm
 
+    @property
+    def source(self) -> str:
+        """What no other look shares its errors with: its view, or the model of light."""
+        return "light" if self.is_by_light else self.view_id
+
+    def agrees_with(self, other: "FloorLook") -> bool:
+        """Return True if another look shows the floor at the same height, within what is sure."""
+        return abs(self.off_mm - other.off_mm) <= SURE_SIGMAS * float(
+            np.hypot(self.u_mm, other.u_mm)
+        )
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Floor:
@@ -113,6 +124,15 @@ class Floor:
         if len(wrong) <= len(self._in_place) or (is_high and len(wrong) < HIGH_COUNT):
             return ()
         return tuple(sorted(wrong, key=lambda one: one.u_mm))
+
+    @property
+    def is_agreed(self) -> bool:
+        """True if edges and light show it out of place, at one height: no one error does both."""
+        return any(
+            one.is_by_light and not other.is_by_light and one.agrees_with(other)
+            for one in self.elsewhere
+            for other in self.elsewhere
+        )
 
     @property
     def off_mm(self) -> float:

@@ -4,7 +4,7 @@ The search about an edge reaches a few pixels, where a floor farther off shows n
 edge. The part is therefore modelled with its floor raised and lowered, and the floor's edges are
 sought at their predicted places, with the matching visibility. One picture may show the border of a
 shadow there. Unlike a floor, it does not move consistently with depth from view to view, so two
-views must agree.
+views must agree, or one with the depth that the light tells.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -19,12 +19,11 @@ from controller.cad import Recess, Solid
 
 from .._pose import PosedPart
 from ..dimensions import MeasuringSettings
-from ..limits import SURE_SIGMAS
 from ._depth import FloorLook, floor_look
 from ._edges import PartEdges
 from ._looks import BEYOND_PX, EdgeLook
 
-MIN_VIEWS: Final = 2  # least number of views that must agree on a depth
+MIN_SOURCES: Final = 2  # least number of views, or of views and the light, that must agree
 DEEPEST: Final = 1.0  # largest depth searched below nominal, in nominal depths
 MAX_COUNT: Final = 40  # largest number of depths tried; deep holes are searched more coarsely
 
@@ -37,8 +36,9 @@ def look_at_other_depths(
     look_at: Callable[[PosedPart, PartEdges], Iterable[EdgeLook]],
     settings: MeasuringSettings,
     pixel_mm: float,
+    elsewhere: Sequence[FloorLook],
 ) -> tuple[FloorLook, ...]:
-    """Return the looks that agree on another depth of a floor; none if they do not.
+    """Return more looks that agree on another depth of a floor; none if they do not.
 
     Parameters
     ----------
@@ -49,6 +49,7 @@ def look_at_other_depths(
     look_at : function that looks at edges of a part in the same pictures
     settings : uncertainties from light
     pixel_mm : pixel size at the part
+    elsewhere : looks that place it at another depth already
     """
     at_place = {(look.view_id, look.lamp): look for look in looks}
     found: list[FloorLook] = []
@@ -60,7 +61,11 @@ def look_at_other_depths(
             own = at_place[look.view_id, look.lamp]
             one = floor_look(edges, own, recess, settings, (raised_mm, moved, look))
             found += [one] if one is not None else []
-    return _agreed(found)
+    known = {(one.view_id, one.lamp) for one in elsewhere if not one.is_by_light}
+    agreed = _agreed([*found, *elsewhere])
+    return tuple(
+        one for one in agreed if not one.is_by_light and (one.view_id, one.lamp) not in known
+    )
 
 
 def _depths(recess: Recess, pixel_mm: float) -> Iterator[float]:
@@ -84,15 +89,13 @@ def _agreed(found: Sequence[FloorLook]) -> tuple[FloorLook, ...]:
     surest_last = sorted(found, key=lambda one: -one.u_mm)
     groups: list[tuple[FloorLook, ...]] = []
     for centre in found:
-        alike = (
-            one
-            for one in surest_last
-            if abs(one.off_mm - centre.off_mm) <= SURE_SIGMAS * np.hypot(one.u_mm, centre.u_mm)
+        alike = (one for one in surest_last if one.agrees_with(centre))
+        groups.append(
+            tuple({(one.view_id, one.lamp, one.is_by_light): one for one in alike}.values())
         )
-        groups.append(tuple({(one.view_id, one.lamp): one for one in alike}.values()))
-    most = max(groups, key=lambda group: (_view_count(group), len(group)), default=())
-    return most if _view_count(most) >= MIN_VIEWS else ()
+    most = max(groups, key=lambda group: (_source_count(group), len(group)), default=())
+    return most if _source_count(most) >= MIN_SOURCES else ()
 
 
-def _view_count(looks: Sequence[FloorLook]) -> int:
-    return len({look.view_id for look in looks})
+def _source_count(looks: Sequence[FloorLook]) -> int:
+    return len({look.source for look in looks})

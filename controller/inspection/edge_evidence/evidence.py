@@ -23,7 +23,7 @@ from ._damage import find_damage
 from ._depth import Floor, find_floor
 from ._displaced import find_displaced
 from ._edges import PartEdges
-from ._faces import FaceEdges, MissingEdge, missing_edges, prove_faces
+from ._faces import TWO, FaceEdges, MissingEdge, missing_edges, prove_faces
 from ._floor_light import blind_bore, rise_by_light
 from ._looks import EdgeLook, look_at_edges
 from ._other_looks import refuted
@@ -107,7 +107,9 @@ def find_evidence(
         looks,
         floors.values(),
         missing,
+        poses,
         pixel_mm,
+        limits.smallest_defect_mm,
         allowances,
         settings,
     )
@@ -227,9 +229,9 @@ def _floors(
         )
         by_light = [rise for rise in rises if rise is not None]
         floor = find_floor(edges, looks, recess, settings, by_light)
-        if not np.isfinite(floor.bound_mm) and not floor.elsewhere:
+        if not np.isfinite(floor.bound_mm) and len({one.source for one in floor.elsewhere}) < TWO:
             others = look_at_other_depths(
-                part.solid, edges, looks, recess, look_at, settings, pixel_mm
+                part.solid, edges, looks, recess, look_at, settings, pixel_mm, floor.elsewhere
             )
             floor = replace(floor, looks=(*floor.looks, *others))
         found[recess.walls] = floor
