@@ -138,6 +138,14 @@ def test_the_border_of_a_shadow_is_no_notch() -> None:
     assert runs(seen(dented(), bright)) == []
 
 
+def test_beside_the_border_of_a_shadow_a_notch_is_left_to_other_looks() -> None:
+    place = np.arange(len(long_edge()))
+    # five points are off; as many on either side have to be in the same light
+    assert runs(seen(dented(), np.where(place < 57, 20.0, 80.0))) == []
+    assert runs(seen(dented(), np.where(place > 67, 20.0, 80.0))) == []
+    assert len(runs(seen(dented(), np.where(place < 52, 20.0, 80.0)))) == 1
+
+
 def test_a_shadow_that_leads_away_from_an_edge_is_no_notch() -> None:
     offset = wavering()
     offset[100:106] -= np.linspace(0.5, 3.0, 6)

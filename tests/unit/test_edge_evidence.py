@@ -415,6 +415,17 @@ def test_a_notch_that_the_part_lacks_shows_as_missing_edges() -> None:
     assert max(edge.length_mm for edge in missing) <= 2.0 + 1e-6
 
 
+@pytest.mark.parametrize(("ledge_mm", "is_asked"), [(0.15, False), (2.0, True)])
+def test_the_edges_of_a_ledge_within_the_blur_need_not_show(
+    ledge_mm: float, is_asked: bool
+) -> None:
+    whole = box(46, 34, 24)
+    ledge = box(50, 20, 2 * ledge_mm).translate((0, 17, 12))
+    nominal = PosedPart(solid_of(whole - ledge, "ledge"))
+    looks = ((20.0, -12.0), (-15.0, -10.0), (4.0, -18.0))
+    assert bool(evidence(nominal, whole, looks).missing) is is_asked
+
+
 def test_a_perfect_part_lacks_no_edge() -> None:
     assert of_perfect().missing == ()
 

@@ -208,7 +208,7 @@ def _whole_run(look: EdgeLook, known: IndexArray, off: FloatArray, run: Run) -> 
 
     Where material is missing, the edge still lies between the same two levels of light, and returns
     to its course at both ends. The border of a shadow that meets the edge leads away from it, and
-    the levels of light change across it.
+    the levels of light change across it, or as near to the run as it is long.
 
     Parameters
     ----------
@@ -229,7 +229,9 @@ def _whole_run(look: EdgeLook, known: IndexArray, off: FloatArray, run: Run) -> 
     around = np.arange(low - FLANK, high + FLANK + 1)
     beside = np.setdiff1d(around, whole)
     contrast = look.contrast[known[around]]
-    least, most = np.sort(np.abs(contrast))[[0, -1]]
+    is_near = (known >= 2 * known[low] - known[high]) & (known <= 2 * known[high] - known[low])
+    is_near[around] = True
+    least, most = np.sort(np.abs(look.contrast[known[is_near]]))[[0, -1]]
     is_one_edge = (
         len(whole) >= MIN_RUN
         and bool((np.diff(known[around]) <= GAP).all())

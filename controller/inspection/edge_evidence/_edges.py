@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IndexArray
-from controller.cad import Crease, Solid, surface_normals
+from controller.cad import Crease, Solid, inner_mm, surface_normals
 from controller.cad import Curve as CurveKind
 
 from ..dimensions import Curve
@@ -67,6 +67,17 @@ class PartEdges:
             points_mm=self.points_mm[mine] + by_mm,
             **{name: getattr(self, name)[mine] for name in arrays},
         )
+
+
+def is_blurred(solid: Solid, pixel_mm: float) -> BoolArray:
+    """Return a mask (f,) of faces so narrow that their edges are one edge in a picture.
+
+    Parameters
+    ----------
+    solid : the part
+    pixel_mm : pixel size at the part
+    """
+    return np.asarray(2.0 * inner_mm(solid) < SHORTEST_PX * pixel_mm)
 
 
 def find_edges(solid: Solid, pixel_mm: float) -> PartEdges | None:

@@ -13,7 +13,7 @@ from controller.cad import Crease, Mouth, Recess, Solid, find_mouths
 from messages import key, say
 
 from ._depth import Floor
-from ._edges import SPACING_PX, PartEdges
+from ._edges import SPACING_PX, PartEdges, is_blurred
 from ._looks import EdgeLook, State
 
 TWO: Final = 2  # least number of pictures from which an edge must be missing
@@ -88,26 +88,32 @@ class MissingEdge:
 
 
 def missing_edges(
-    solid: Solid, edges: PartEdges, looks: Sequence[EdgeLook], smallest_mm: float
+    solid: Solid,
+    edges: PartEdges,
+    looks: Sequence[EdgeLook],
+    smallest_mm: float,
+    pixel_mm: float,
 ) -> tuple[MissingEdge, ...]:
     """Return the outer edges that must be mostly visible, and are nowhere found in place.
 
     An edge between two faces of equal brightness may be invisible in one picture, but not in two,
     so each place along an edge counts where two pictures must show it. An edge shorter than the
     smallest defect spans a few pixels and is more easily invisible: it takes three. An inner corner
-    may be invisible in all pictures.
+    may be invisible in all pictures, and so may the edges of a face that is a pixel or two wide.
 
     Parameters
     ----------
     solid, edges, looks : see `prove_faces`
     smallest_mm : size of the smallest defect
+    pixel_mm : pixel size at the part
     """
+    blurred = is_blurred(solid, pixel_mm)
     shown = np.stack([look.state != State.HIDDEN for look in looks])
     held = np.any([look.state == State.IN_PLACE for look in looks], axis=0)
     out = []
     for edge in np.unique(edges.edge).tolist():
         mine = np.flatnonzero(edges.edge == edge)
-        if solid.boundary.crease[edge] != Crease.CONVEX:
+        if solid.boundary.crease[edge] != Crease.CONVEX or blurred[edges.faces[mine[0]]].any():
             continue
         length = float(edges.length_mm[mine].sum())
         is_shown = shown[:, mine].sum(axis=0) >= (TWO if length >= smallest_mm else THREE)

@@ -99,7 +99,7 @@ def find_evidence(
     poses = {one.task.view_id: one.T_world_part_measured for one in views}
     is_refuted = refuted(edges, runs, looks, poses, pixel_mm, allowances, settings)
     damage = find_damage(edges, runs, poses, is_refuted)
-    missing = missing_edges(part.solid, edges, looks, limits.smallest_defect_mm)
+    missing = missing_edges(part.solid, edges, looks, limits.smallest_defect_mm, pixel_mm)
     against = find_against(
         part.solid,
         recesses,

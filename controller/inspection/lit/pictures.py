@@ -19,7 +19,7 @@ from .._connected import connected_findings, grow
 from .._pose import PosedPart, PoseFit, point_spread
 from .._scene import ViewScene, Visibility
 from .._types import Check, Finding, FindingKind, InspectionLimits, Unjudged, ViewTask
-from ..limits import FLATTEST_COS, POSE_SPREADS, strip_px
+from ..limits import FLATTEST_COS, POSE_SPREADS, SURE_SIGMAS, strip_px
 from ..registration import (
     Registration,
     confirm_edges,
@@ -503,10 +503,9 @@ class LitPictures:
     def _misfit(self, lit: "_LitPicture") -> str:
         """Return the reason why a lit picture misses the pose or is not sharp; empty if neither."""
         limits, fit = self._task.limits, self._fit
-        if fit.is_hidden:
-            # the outline that the lit picture must agree with is itself known that well only
-            play_px = POSE_SPREADS * float(np.median(self._spread_px()[self._surface.seen]))
-            limits = replace(limits, max_lit_shift_px=limits.max_lit_shift_px + play_px)
+        # the outline that the lit picture must agree with is itself known that well only
+        play_px = SURE_SIGMAS * float(np.median(self._spread_px()[self._surface.seen]))
+        limits = replace(limits, max_lit_shift_px=float(np.hypot(limits.max_lit_shift_px, play_px)))
         steps = register(lit.picture, fit.edge_px, fit.edge_normals, self._expected(lit))
         # the expected picture is blurred by a good lens; the backlit one tells how good this one is
         lens = max(self._sharp.width_px - LENS_WIDTH_PX, 0.0) if self._sharp is not None else 0.0
