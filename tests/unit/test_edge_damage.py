@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -17,6 +18,7 @@ from controller.inspection.dimensions import MeasuringSettings
 from controller.inspection.edge_evidence import (
     Displaced,
     EdgeLook,
+    EdgeLooks,
     PartEdges,
     State,
     find_damage,
@@ -93,8 +95,14 @@ def wavering(seed: int = 1) -> Array:
     return np.random.default_rng(seed).normal(0.0, NOISE_PX, len(long_edge()))
 
 
+def of_bar(looks: Sequence[EdgeLook], turned_deg: float = 20.0) -> EdgeLooks:
+    """Looks at the bar in views v0, v1 and on, each turned by so much against the one before."""
+    poses = {look.view_id: turned(turned_deg * int(look.view_id[1:])) for look in looks}
+    return EdgeLooks(bar(), tuple(looks), poses, PIXEL_MM, 3.0, Allowances(), MeasuringSettings())
+
+
 def runs(*looks: EdgeLook) -> list[Displaced]:
-    return find_displaced(bar(), looks, PIXEL_MM, DUST_MM, Allowances(), MeasuringSettings())
+    return find_displaced(of_bar(looks), DUST_MM)
 
 
 def dented(first: int = 60, depth_px: float = -1.5) -> Array:
@@ -179,7 +187,7 @@ def turned(deg: float) -> Array:
 
 def damage(turn_deg: float, x_px: float, second_px: float = -1.0, first: int = 60) -> list[Finding]:
     looks = seen(dented()), seen(dented(first, second_px), view="v1", x_px=x_px)
-    found = find_damage(bar(), runs(*looks), {"v0": np.eye(4), "v1": turned(turn_deg)})
+    found = find_damage(of_bar(looks, turn_deg), runs(*looks))
     return [f for every in found.values() for f in every]
 
 
@@ -209,11 +217,9 @@ OUTLINE = (True, False)
 
 def left(others: list[EdgeLook]) -> list[Finding]:
     """What is left of a notch in one view, with other looks at its edge: v1 and on, all turned."""
-    looks = [seen(dented()), *others]
-    poses = {look.view_id: turned(20.0 * int(look.view_id[1:])) for look in looks}
-    found = runs(*looks)
-    no = refuted(bar(), found, looks, poses, PIXEL_MM, Allowances(), MeasuringSettings())
-    every = find_damage(bar(), found, poses, no)
+    shown = of_bar([seen(dented()), *others])
+    found = find_displaced(shown, DUST_MM)
+    every = find_damage(shown, found, refuted(shown, found))
     return [f for some in every.values() for f in some]
 
 
@@ -244,10 +250,7 @@ def test_looks_that_need_not_show_damage_do_not_refute_it(others: list[EdgeLook]
 def test_a_shallow_notch_is_not_refuted_by_outlines_that_might_not_show_it() -> None:
     shallow = seen(dented(depth_px=-0.8))
     looks = [shallow, clean(1, faces=OUTLINE), clean(2, faces=OUTLINE)]
-    found = runs(*looks)
-    poses = {look.view_id: turned(20.0 * int(look.view_id[1:])) for look in looks}
-    no = refuted(bar(), found, looks, poses, PIXEL_MM, Allowances(), MeasuringSettings())
-    assert no == [False]
+    assert refuted(of_bar(looks), runs(*looks)) == [False]
 
 
 def test_what_two_views_show_is_damage_whatever_two_others_do_not() -> None:

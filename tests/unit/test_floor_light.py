@@ -15,12 +15,14 @@ from controller.imaging import PointLamp
 from controller.inspection import PosedPart, ViewPictures
 from controller.inspection.dimensions import MeasuringSettings, PosedView
 from controller.inspection.edge_evidence import (
+    EdgeLooks,
     FloorLook,
     blind_bore,
     find_edges,
     find_floor,
     rise_by_light,
 )
+from controller.inspection.integrity import Allowances
 
 DEPTH_MM = 8.0
 MIDDLE, AXIS, RADIUS_MM = np.array([0.0, -690, 0]), np.array([0.0, 1, 0]), 110.0
@@ -73,32 +75,32 @@ def test_a_floor_is_found_at_its_depth(depth_mm: float, tilt_deg: float) -> None
     assert found.u_mm < 0.1 * DEPTH_MM
 
 
+def of_no_look() -> EdgeLooks:
+    edges = find_edges(nominal().solid, 0.19)
+    assert edges is not None
+    return EdgeLooks(edges, (), {}, 0.19, 3.0, Allowances(), MeasuringSettings())
+
+
 @pytest.mark.parametrize(("depth_mm", "is_shown"), [(8.0, True), (4.8, False)])
 def test_a_floor_half_as_deep_is_not_in_place(depth_mm: float, *, is_shown: bool) -> None:
     solid = nominal().solid
-    edges = find_edges(solid, 0.19)
-    assert edges is not None
     (recess,) = find_recesses(solid)
     told = [one for tilt in (9.0,) if (one := rise(seen(depth_mm, tilt))) is not None]
-    bound_mm = find_floor(edges, [], recess, MeasuringSettings(), told).bound_mm
+    bound_mm = find_floor(of_no_look(), recess, told).bound_mm
     assert np.isfinite(bound_mm) == is_shown
 
 
 def test_one_picture_that_shows_a_floor_elsewhere_outweighs_others() -> None:
     solid = nominal().solid
-    edges = find_edges(solid, 0.19)
-    assert edges is not None
     (recess,) = find_recesses(solid)
     for second, is_shown in ((0.4, True), (4.0, False)):
         told = by_light((0.0, 0.5), (second, 0.5))
-        bound_mm = find_floor(edges, [], recess, MeasuringSettings(), told).bound_mm
+        bound_mm = find_floor(of_no_look(), recess, told).bound_mm
         assert np.isfinite(bound_mm) == is_shown
 
 
 def test_a_floor_surely_out_of_place_by_more_than_a_tenth_is_not_in_place() -> None:
     solid = nominal().solid  # 8 mm deep: 0.8 mm is a tenth, 2.4 mm are what light has to exclude
-    edges = find_edges(solid, 0.19)
-    assert edges is not None
     (recess,) = find_recesses(solid)
     for told, bound_mm, count in (
         ([(1.3, 0.1)], np.inf, 1),  # 1.0 mm at least
@@ -111,7 +113,7 @@ def test_a_floor_surely_out_of_place_by_more_than_a_tenth_is_not_in_place() -> N
         ([(5.0, 0.1)], np.inf, 0),  # one in the upper half may be the border of a shadow
         ([(5.0, 0.1), (5.1, 0.1)], np.inf, 2),
     ):
-        found = find_floor(edges, [], recess, MeasuringSettings(), by_light(*told))
+        found = find_floor(of_no_look(), recess, by_light(*told))
         assert found.bound_mm == pytest.approx(bound_mm)
         assert len(found.elsewhere) == count
 

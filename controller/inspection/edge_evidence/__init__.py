@@ -6,7 +6,7 @@ from ._displaced import Displaced, find_displaced
 from ._edges import KEPT_PARTS, PartEdges, find_edges
 from ._faces import FaceEdges, MissingEdge
 from ._floor_light import BlindBore, blind_bore, rise_by_light
-from ._looks import EdgeLook, State, look_at_edges
+from ._looks import EdgeLook, EdgeLooks, State, look_at_edges
 from ._other_looks import refuted
 from .evidence import EdgeEvidence, closest_pixel_mm, find_evidence
 
@@ -16,6 +16,7 @@ __all__ = [
     "Displaced",
     "EdgeEvidence",
     "EdgeLook",
+    "EdgeLooks",
     "FaceEdges",
     "Floor",
     "FloorLook",

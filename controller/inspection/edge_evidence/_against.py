@@ -13,20 +13,17 @@ from itertools import combinations
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, IndexArray
+from controller.arrays import BoolArray, IndexArray
 from controller.cad import Mouth, Recess, Solid, find_mouths
 from messages import key, say
 
-from .._apart import is_turned
 from .._types import Finding, FindingKind
-from ..dimensions import MeasuringSettings
-from ..integrity import Allowances
 from ..limits import SURE_SIGMAS
 from ._depth import FOLLOWS, Floor
-from ._displaced import MIN_POINTS, course_of, known_points, wave_of
+from ._displaced import MIN_POINTS, course_of, known_points
 from ._edges import PartEdges
 from ._faces import CHANCE, GREATER_PART, TWO, MissingEdge, floor_words
-from ._looks import FORM_PX, EdgeLook, State
+from ._looks import FORM_PX, EdgeLook, EdgeLooks, State
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -59,38 +56,28 @@ class MovedEdge:
 def find_against(
     solid: Solid,
     recesses: Iterable[Recess],
-    edges: PartEdges,
-    looks: Sequence[EdgeLook],
+    shown: EdgeLooks,
     floors: Iterable[Floor],
     missing: Sequence[MissingEdge],
-    T_world_part: Mapping[str, FloatArray],
-    pixel_mm: float,
-    smallest_mm: float,
-    allowances: Allowances,
-    settings: MeasuringSettings,
 ) -> dict[str, tuple[Finding, ...]]:
     """Return the findings of floors and edges that are out of place or missing, by view.
 
     Parameters
     ----------
     solid : the part
-    recesses, edges : recesses and edges of the part
-    looks : looks at them
+    recesses : its recesses
+    shown : looks at its edges
     floors : floors of its blind holes
     missing : edges that must be visible, and are so in no picture
-    T_world_part : (4, 4) pose of the part by view id
-    pixel_mm : pixel size at the part
-    smallest_mm : size of the smallest defect
-    allowances : allowed unevenness
-    settings : uncertainties from light
     """
     out: dict[str, list[Finding]] = {}
+    edges, looks = shown.edges, shown.every
     of_look = {(look.view_id, look.lamp): look for look in looks}
     places = _Places(recesses)
-    mouths = _absent_mouths(solid, edges, looks, missing, T_world_part, smallest_mm)
+    mouths = _absent_mouths(solid, shown, missing)
     for view_id, finding in (
         *(one for floor in floors for one in _floor_findings(solid, edges, floor, of_look)),
-        *_edge_findings(edges, looks, places, pixel_mm, allowances, settings),
+        *_edge_findings(shown, places),
         *_missing_findings(edges, looks, places, missing, mouths),
     ):
         out.setdefault(view_id, []).append(finding)
@@ -143,19 +130,11 @@ class _Places:
         return next(walls, frozenset(faces))
 
 
-def _edge_findings(
-    edges: PartEdges,
-    looks: Sequence[EdgeLook],
-    places: _Places,
-    pixel_mm: float,
-    allowances: Allowances,
-    settings: MeasuringSettings,
-) -> Iterator[tuple[str, Finding]]:
+def _edge_findings(shown: EdgeLooks, places: _Places) -> Iterator[tuple[str, Finding]]:
     """Yield a finding of the edge farthest out of place, by feature and view."""
+    edges, looks = shown.edges, shown.every
     by_place: dict[tuple[frozenset[int], str], list[MovedEdge]] = {}
-    told = [
-        (look, known_points(look), wave_of(look, pixel_mm, allowances, settings)) for look in looks
-    ]
+    told = [(look, known_points(look), shown.wave_px(look)) for look in looks]
     for edge in np.unique(edges.edge).tolist():
         points = np.flatnonzero(edges.edge == edge)
         place = places.of(edges.faces[points[0]].tolist())
@@ -185,14 +164,7 @@ def _edge_findings(
         )
 
 
-def _absent_mouths(
-    solid: Solid,
-    edges: PartEdges,
-    looks: Sequence[EdgeLook],
-    missing: Sequence[MissingEdge],
-    T_world_part: Mapping[str, FloatArray],
-    smallest_mm: float,
-) -> list[Mouth]:
+def _absent_mouths(solid: Solid, shown: EdgeLooks, missing: Sequence[MissingEdge]) -> list[Mouth]:
     """Return the mouths that no picture shows: the part lacks the hollow.
 
     Nothing of it is in place, or close to it, in any picture that must show most of it; in two of
@@ -201,27 +173,28 @@ def _absent_mouths(
 
     Parameters
     ----------
-    solid, edges, looks, missing, T_world_part, smallest_mm : see `find_against`
+    solid, shown, missing : see `find_against`
     """
+    edges = shown.edges
     gone = {one.edge for one in missing}
     out = []
     for mouth in find_mouths(solid):
         points = np.flatnonzero(np.isin(edges.edge, list(mouth.edges)))
         if not set(edges.edge[points].tolist()) <= gone:
             continue
-        if edges.length_mm[points].sum() < np.pi * smallest_mm:
+        if edges.length_mm[points].sum() < np.pi * shown.smallest_mm:
             continue
         showing = [
             (look.view_id, look.state[points])
-            for look in looks
+            for look in shown.every
             if (look.state[points] != State.HIDDEN).mean() > GREATER_PART
         ]
         is_near = any(
             np.isin(state, (State.IN_PLACE, State.ELSEWHERE)).mean() >= CHANCE
             for _, state in showing
         )
-        poses = [T_world_part[view_id] for view_id, _ in showing]
-        is_other_look = any(is_turned(T, T_other) for T, T_other in combinations(poses, 2))
+        views = sorted({view_id for view_id, _ in showing})
+        is_other_look = any(shown.is_turned(*pair) for pair in combinations(views, 2))
         if is_other_look and not is_near:
             out.append(mouth)
     return out
@@ -281,7 +254,7 @@ def _moved(
     look : look at one picture
     points : (k,) points of one edge, in order
     is_known : (n,) mask of all points, see `known_points`
-    wave_px : see `wave_of`
+    wave_px : see `EdgeLooks.wave_px`
     """
     shown = points[look.state[points] != State.HIDDEN]
     known = points[is_known[points]]

@@ -15,32 +15,27 @@ from scipy.spatial import cKDTree
 from controller.arrays import BoolArray, FloatArray
 from controller.cad import SurfaceSamples
 
-from ._edges import PartEdges
 from ._faces import OF_ITS_EDGES, FaceEdges, confirmed
-from ._looks import EdgeLook, State
+from ._looks import EdgeLook, EdgeLooks, State
 
 
 def compared_beside(
-    samples: SurfaceSamples,
-    edges: PartEdges,
-    looks: Sequence[EdgeLook],
-    faces: Mapping[int, FaceEdges],
-    smallest_mm: float,
+    samples: SurfaceSamples, shown: EdgeLooks, faces: Mapping[int, FaceEdges]
 ) -> BoolArray:
     """Return a mask (n,) of the surface samples that the edges beside them compare.
 
     Parameters
     ----------
     samples : n samples of the surface
-    edges, looks : edges of the part, and looks at them
+    shown : looks at the part's edges
     faces : evidence by face id; a face that its edges verify is compared as far as they are in
         place
-    smallest_mm : size of the smallest defect
     """
+    edges, smallest_mm = shown.edges, shown.smallest_mm
     out = np.zeros(len(samples.points_mm), dtype=bool)
-    if not looks:
+    if not shown.every:
         return out
-    least_mm = _least_mm(looks)
+    least_mm = _least_mm(shown.every)
     reach_mm = 0.5 * smallest_mm - least_mm
     for face in np.unique(edges.faces).tolist():
         points, side = np.nonzero(edges.faces == face)

@@ -1,25 +1,23 @@
 """Chips and burrs on edges, found in pictures under lamps and before the panel."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from controller.arrays import FloatArray
 
-from .._apart import SAME_PIXELS_PX, is_turned
+from .._apart import SAME_PIXELS_PX
 from .._types import Finding, FindingKind
 from ._displaced import Displaced
 from ._edges import PartEdges
+from ._looks import EdgeLooks
 
 BESIDE: Final = 1  # largest number of points between two runs of one place
 
 
 def find_damage(
-    edges: PartEdges,
-    runs: Sequence[Displaced],
-    T_world_part: Mapping[str, FloatArray],
-    is_refuted: Sequence[bool] = (),
+    shown: EdgeLooks, runs: Sequence[Displaced], is_refuted: Sequence[bool] = ()
 ) -> dict[str, tuple[Finding, ...]]:
     """Return the findings from runs of displaced points by view, one for each place and view.
 
@@ -29,14 +27,13 @@ def find_damage(
 
     Parameters
     ----------
-    edges : edges of the part
+    shown : looks at the edges
     runs : all runs found
-    T_world_part : (4, 4) by view id
     is_refuted : for each run, True if other looks had to show it and do not; empty for none
     """
     contradicted = {id(run) for run, is_it in zip(runs, is_refuted, strict=False) if is_it}
     by_place: dict[tuple[int, str], list[Displaced]] = {}
-    for place, run in zip(_places(edges, runs), runs, strict=True):
+    for place, run in zip(_places(shown.edges, runs), runs, strict=True):
         by_place.setdefault((place, run.look.view_id), []).append(run)
     out: dict[str, list[Finding]] = {}
     for (place, view_id), mine in by_place.items():
@@ -47,10 +44,10 @@ def find_damage(
             if other == place and other_view != view_id
             for run in those
         ]
-        is_sure = any(_is_other_look(plainest, other, T_world_part) for other in others)
+        is_sure = any(_is_other_look(shown, plainest, other) for other in others)
         if not is_sure and all(id(run) in contradicted for run in mine):
             continue
-        out.setdefault(view_id, []).append(_finding(edges, plainest, is_sure))
+        out.setdefault(view_id, []).append(_finding(shown.edges, plainest, is_sure))
     return {view_id: tuple(found) for view_id, found in out.items()}
 
 
@@ -75,11 +72,9 @@ def _overlap(edges: PartEdges, one: Displaced, other: Displaced) -> bool:
     return low <= high + BESIDE
 
 
-def _is_other_look(
-    one: Displaced, other: Displaced, T_world_part: Mapping[str, FloatArray]
-) -> bool:
+def _is_other_look(shown: EdgeLooks, one: Displaced, other: Displaced) -> bool:
     away = one.look.pixels[one.deepest] - other.look.pixels[other.deepest]
-    is_other = is_turned(*(T_world_part[run.look.view_id] for run in (one, other)))
+    is_other = shown.is_turned(one.look.view_id, other.look.view_id)
     return bool(is_other and np.hypot(*away) > SAME_PIXELS_PX)
 
 

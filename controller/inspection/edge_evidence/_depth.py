@@ -17,7 +17,7 @@ from controller.cad import Recess
 from ..dimensions import MeasuringSettings
 from ..limits import SURE_SIGMAS
 from ._edges import PartEdges
-from ._looks import FORM_PX, EdgeLook, State
+from ._looks import FORM_PX, EdgeLook, EdgeLooks, State
 
 MIN_POINTS: Final = 6  # least number of points on the mouth, and on the floor, for a depth
 # Least share of a floor's visible edge that must lie on the fitted one.
@@ -159,24 +159,16 @@ class Floor:
         return (LIT_SHARE if look.is_by_light else OTHER_HOLE_SHARE) * self.recess.depth_mm
 
 
-def find_floor(
-    edges: PartEdges,
-    looks: Sequence[EdgeLook],
-    recess: Recess,
-    settings: MeasuringSettings,
-    by_light: Sequence[FloorLook] = (),
-) -> Floor:
+def find_floor(shown: EdgeLooks, recess: Recess, by_light: Sequence[FloorLook] = ()) -> Floor:
     """Return the floor of a blind hole from all pictures.
 
     Parameters
     ----------
-    edges : edges of the part
-    looks : looks at them
+    shown : looks at the part's edges
     recess : a blind recess
-    settings : uncertainties from light
     by_light : looks that derive its depth from light
     """
-    by_edges = (floor_look(edges, look, recess, settings) for look in looks)
+    by_edges = (floor_look(shown.edges, one, recess, shown.settings) for one in shown.every)
     told = (one for one in by_light if _tells(one, recess))
     return Floor(recess, (*(one for one in by_edges if one is not None), *told))
 

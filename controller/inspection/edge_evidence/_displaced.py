@@ -5,7 +5,7 @@ course are tested like outlines (`integrity`): windows of neighbouring rays agai
 against common displacements of neighbours.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -13,11 +13,10 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IndexArray, median
 
-from ..dimensions import BACKLIT, MeasuringSettings
-from ..integrity import Allowances, Run, RunTest, find_runs
+from ..integrity import Run, RunTest, find_runs
 from ..limits import SURE_SIGMAS
 from ._edges import PartEdges
-from ._looks import EdgeLook, State
+from ._looks import EdgeLook, EdgeLooks, State
 
 MIN_POINTS: Final = 8  # least number of points of an edge with a course of its own
 MIN_RUN: Final = 3  # least number of neighbouring rays in a run
@@ -82,24 +81,6 @@ class Course:
         return max(self.scatter_px, own)
 
 
-def wave_of(
-    look: EdgeLook, pixel_mm: float, allowances: Allowances, settings: MeasuringSettings
-) -> float:
-    """Return the standard deviation of neighbouring edge points by light and form [px].
-
-    The effect of light on the edge as a whole is part of its course.
-
-    Parameters
-    ----------
-    look : look at the picture
-    pixel_mm : pixel size at the part
-    allowances : allowed unevenness
-    settings : uncertainties from light
-    """
-    light = settings.backlit_edge_px if look.lamp == BACKLIT else settings.lit_edge_px
-    return float(np.hypot(light / 3.0, allowances.form_mm / pixel_mm))
-
-
 def known_points(look: EdgeLook) -> BoolArray:
     """Return a mask (n,) of the points that a picture shows in undisturbed light.
 
@@ -118,38 +99,28 @@ def course_of(edges: PartEdges, look: EdgeLook, known: IndexArray, wave_px: floa
     edges : edges of the part
     look : look at the picture
     known : (n,) numbers of the edge points found, in order; `MIN_POINTS` or more
-    wave_px : see `wave_of`
+    wave_px : see `EdgeLooks.wave_px`
     """
     off = _off_course(edges, look, known)
     step = median(np.linalg.norm(np.diff(look.pixels[known], axis=0), axis=1))
     return Course(known, off, step, 1.4826 * median(np.abs(off)), wave_px)
 
 
-def find_displaced(
-    edges: PartEdges,
-    looks: Sequence[EdgeLook],
-    pixel_mm: float,
-    smallest_mm: float,
-    allowances: Allowances,
-    settings: MeasuringSettings,
-) -> list[Displaced]:
+def find_displaced(shown: EdgeLooks, shortest_mm: float) -> list[Displaced]:
     """Return the runs of edges not explained by chance, look by look.
 
     Parameters
     ----------
-    edges : edges of the part
-    looks : looks at them
-    pixel_mm : pixel size at the part
-    smallest_mm : length of the shortest run; a shorter one may be dust
-    allowances : allowed unevenness and false alarms
-    settings : uncertainties from light
+    shown : looks at the edges
+    shortest_mm : length of the shortest run; a shorter one may be dust
     """
-    total = sum(int(np.isfinite(look.offset_px).sum()) for look in looks)
+    edges = shown.edges
+    total = sum(int(np.isfinite(look.offset_px).sum()) for look in shown.every)
     starts = np.flatnonzero(np.diff(edges.edge, prepend=-1))
     ends = np.append(starts[1:], len(edges.edge))
     found: list[Displaced] = []
-    for look in looks:
-        wave_px = wave_of(look, pixel_mm, allowances, settings)
+    for look in shown.every:
+        wave_px = shown.wave_px(look)
         is_known = known_points(look)
         for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
             known = start + np.flatnonzero(is_known[start:end])
@@ -159,9 +130,9 @@ def find_displaced(
                 and float(np.ptp(look.offset_px[known])) >= SURE_SIGMAS * wave_px
             ):
                 share = max(round(total / len(known)), 1)
-                test = RunTest(0.0, wave_px, allowances.false_alarms, share)
+                test = RunTest(0.0, wave_px, shown.allowances.false_alarms, share)
                 found += _runs(edges, look, course_of(edges, look, known, wave_px), test)
-    return [run for run in found if run.length_mm >= smallest_mm]
+    return [run for run in found if run.length_mm >= shortest_mm]
 
 
 def _runs(edges: PartEdges, look: EdgeLook, course: Course, test: RunTest) -> Iterator[Displaced]:

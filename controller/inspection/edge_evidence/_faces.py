@@ -14,7 +14,7 @@ from messages import key, say
 
 from ._depth import Floor
 from ._edges import SPACING_PX, PartEdges, is_blurred
-from ._looks import EdgeLook, State
+from ._looks import EdgeLook, EdgeLooks, State
 
 TWO: Final = 2  # least number of pictures from which an edge must be missing
 THREE: Final = 3  # the same for an edge shorter than the smallest defect
@@ -87,13 +87,7 @@ class MissingEdge:
     look_count: int
 
 
-def missing_edges(
-    solid: Solid,
-    edges: PartEdges,
-    looks: Sequence[EdgeLook],
-    smallest_mm: float,
-    pixel_mm: float,
-) -> tuple[MissingEdge, ...]:
+def missing_edges(solid: Solid, shown: EdgeLooks) -> tuple[MissingEdge, ...]:
     """Return the outer edges that must be mostly visible, and are nowhere found in place.
 
     An edge between two faces of equal brightness may be invisible in one picture, but not in two,
@@ -103,12 +97,12 @@ def missing_edges(
 
     Parameters
     ----------
-    solid, edges, looks : see `prove_faces`
-    smallest_mm : size of the smallest defect
-    pixel_mm : pixel size at the part
+    solid : the part
+    shown : looks at its edges
     """
-    blurred = is_blurred(solid, pixel_mm)
-    shown = np.stack([look.state != State.HIDDEN for look in looks])
+    edges, looks = shown.edges, shown.every
+    blurred = is_blurred(solid, shown.pixel_mm)
+    must = np.stack([look.state != State.HIDDEN for look in looks])
     held = np.any([look.state == State.IN_PLACE for look in looks], axis=0)
     out = []
     for edge in np.unique(edges.edge).tolist():
@@ -116,10 +110,11 @@ def missing_edges(
         if solid.boundary.crease[edge] != Crease.CONVEX or blurred[edges.faces[mine[0]]].any():
             continue
         length = float(edges.length_mm[mine].sum())
-        is_shown = shown[:, mine].sum(axis=0) >= (TWO if length >= smallest_mm else THREE)
+        least = TWO if length >= shown.smallest_mm else THREE
+        is_shown = must[:, mine].sum(axis=0) >= least
         if is_shown.mean() > GREATER_PART and held[mine].sum() < CHANCE * is_shown.sum():
             one, other = edges.faces[mine[0]].tolist()
-            count = int(shown[:, mine].any(axis=1).sum())
+            count = int(must[:, mine].any(axis=1).sum())
             out.append(MissingEdge(edge, (one, other), length, count))
     return tuple(out)
 
@@ -127,12 +122,10 @@ def missing_edges(
 def prove_faces(
     solid: Solid,
     recesses: Sequence[Recess],
-    edges: PartEdges,
-    looks: Sequence[EdgeLook],
+    shown: EdgeLooks,
     narrow: BoolArray,
     deep: BoolArray,
     floors: Mapping[frozenset[int], Floor],
-    smallest_mm: float,
 ) -> dict[int, FaceEdges]:
     """Return the evidence on faces from their edges, by face id.
 
@@ -146,13 +139,13 @@ def prove_faces(
     Parameters
     ----------
     solid : the part
-    recesses, edges : recesses and edges of the part
-    looks : looks at them
+    recesses : its recesses
+    shown : looks at its edges
     narrow : (f,) True where no disc of the smallest defect on the face is far enough from its edges
     deep : (f,) True for a floor of which light and edges leave too little to compare
     floors : floors of its blind holes, by their walls
-    smallest_mm : size of the smallest defect
     """
+    edges, looks = shown.edges, shown.every
     recess_of = {wall: recess for recess in recesses for wall in recess.walls}
     mouths = find_mouths(solid)
     held = confirmed(looks, np.stack([look.state == State.IN_PLACE for look in looks]))
@@ -185,7 +178,7 @@ def prove_faces(
         is_hole = solid.faces[face].concave and solid.faces[face].kind != "cone"
         if recess is None and narrow[face] and not is_hole:
             # A rim in place does not prove the depth of a hole: walls of bores are excluded here.
-            told = _told(edges, looks, own, side, smallest_mm)
+            told = _told(edges, looks, own, side, shown.smallest_mm)
             why = say(
                 "{told_percent:.0f} % of its edges shown in place where a defect would move them",
                 told_percent=100 * told,

@@ -1,5 +1,6 @@
 """Search for every edge of a part in a view's pictures: in place, elsewhere, or absent."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Final
@@ -11,6 +12,7 @@ from controller.arrays import BoolArray, FloatArray, Grey, IndexArray
 from controller.imaging import EdgeFits, RayCaster, inverse_pose, measure_edges, transform
 from controller.imaging.levels import pixel_noise
 
+from .._apart import is_turned
 from .._pose import PosedPart
 from .._scene import lamp_points, make_scene
 from ..dimensions import (
@@ -22,6 +24,7 @@ from ..dimensions import (
     with_rotation,
     with_visibility,
 )
+from ..integrity import Allowances
 from ..limits import SURE_SIGMAS
 from ._edges import PartEdges
 
@@ -90,6 +93,43 @@ class EdgeLook:
     def only(self, points: BoolArray) -> "EdgeLook":
         """Return the look with only some of its points (n,); the others are hidden."""
         return replace(self, state=np.where(points, self.state, State.HIDDEN).astype(np.int8))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class EdgeLooks:
+    """All looks at a part's edges, with what bounds their errors.
+
+    Attributes
+    ----------
+    edges : edges of the part
+    every : looks, picture by picture
+    T_world_part : (4, 4) measured pose of the part by view id
+    pixel_mm : pixel size at the part in the closest view
+    smallest_mm : size of the smallest defect
+    allowances : allowed unevenness and false alarms
+    settings : uncertainties from light
+    """
+
+    edges: PartEdges
+    every: tuple[EdgeLook, ...]
+    T_world_part: Mapping[str, FloatArray]
+    pixel_mm: float
+    smallest_mm: float
+    allowances: Allowances
+    settings: MeasuringSettings
+
+    def is_turned(self, view_id: str, other_id: str) -> bool:
+        """Return True if the part is turned between two views: two independent looks."""
+        return is_turned(self.T_world_part[view_id], self.T_world_part[other_id])
+
+    def wave_px(self, look: EdgeLook) -> float:
+        """Return the standard deviation of neighbouring edge points by light and form [px].
+
+        The effect of light on the edge as a whole is part of its course.
+        """
+        settings = self.settings
+        light = settings.backlit_edge_px if look.lamp == BACKLIT else settings.lit_edge_px
+        return float(np.hypot(light / 3.0, self.allowances.form_mm / self.pixel_mm))
 
 
 def look_at_edges(

@@ -5,52 +5,37 @@ from a neighbour are not. A look counts where it had to show the damage under an
 which moves only with the material (ADR 79).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
-from controller.arrays import FloatArray, IndexArray
+from controller.arrays import IndexArray
 
-from .._apart import is_turned
-from ..dimensions import MeasuringSettings
-from ..integrity import Allowances, RunTest
+from ..integrity import RunTest
 from ..limits import SURE_SIGMAS
-from ._displaced import MIN_POINTS, Course, Displaced, course_of, known_points, wave_of
+from ._displaced import MIN_POINTS, Course, Displaced, course_of, known_points
 from ._edges import PartEdges
-from ._looks import EdgeLook
+from ._looks import EdgeLook, EdgeLooks
 
 VIEW_COUNT: Final = 2  # number of views that had to show the damage and do not
 
 
-def refuted(
-    edges: PartEdges,
-    runs: Sequence[Displaced],
-    looks: Sequence[EdgeLook],
-    T_world_part: Mapping[str, FloatArray],
-    pixel_mm: float,
-    allowances: Allowances,
-    settings: MeasuringSettings,
-) -> list[bool]:
+def refuted(shown: EdgeLooks, runs: Sequence[Displaced]) -> list[bool]:
     """Return a mask of runs refuted by two other views, which show the edge on its course.
 
     Parameters
     ----------
-    edges : edges of the part
+    shown : looks at the edges
     runs : runs of edges off their course
-    looks : looks at all pictures that count
-    T_world_part : (4, 4) by view id
-    pixel_mm : pixel size at the part
-    allowances : allowed unevenness
-    settings : uncertainties from light
     """
     return [
         len(
             {
                 look.view_id
-                for look in looks
-                if is_turned(T_world_part[run.look.view_id], T_world_part[look.view_id])
-                and _is_clear(edges, run, look, wave_of(look, pixel_mm, allowances, settings))
+                for look in shown.every
+                if shown.is_turned(run.look.view_id, look.view_id)
+                and _is_clear(shown.edges, run, look, shown.wave_px(look))
             }
         )
         >= VIEW_COUNT

@@ -18,10 +18,9 @@ from controller.arrays import FloatArray
 from controller.cad import Recess, Solid
 
 from .._pose import PosedPart
-from ..dimensions import MeasuringSettings
 from ._depth import FloorLook, floor_look
 from ._edges import PartEdges
-from ._looks import BEYOND_PX, EdgeLook
+from ._looks import BEYOND_PX, EdgeLook, EdgeLooks
 
 MIN_SOURCES: Final = 2  # least number of views, or of views and the light, that must agree
 DEEPEST: Final = 1.0  # largest depth searched below nominal, in nominal depths
@@ -30,12 +29,9 @@ MAX_COUNT: Final = 40  # largest number of depths tried; deep holes are searched
 
 def look_at_other_depths(
     solid: Solid,
-    edges: PartEdges,
-    looks: Sequence[EdgeLook],
+    shown: EdgeLooks,
     recess: Recess,
     look_at: Callable[[PosedPart, PartEdges], Iterable[EdgeLook]],
-    settings: MeasuringSettings,
-    pixel_mm: float,
     elsewhere: Sequence[FloorLook],
 ) -> tuple[FloorLook, ...]:
     """Return more looks that agree on another depth of a floor; none if they do not.
@@ -43,23 +39,21 @@ def look_at_other_depths(
     Parameters
     ----------
     solid : the part
-    edges : edges of the part
-    looks : looks at them at their nominal places
+    shown : looks at its edges at their nominal places
     recess : a blind recess
     look_at : function that looks at edges of a part in the same pictures
-    settings : uncertainties from light
-    pixel_mm : pixel size at the part
     elsewhere : looks that place it at another depth already
     """
-    at_place = {(look.view_id, look.lamp): look for look in looks}
+    edges = shown.edges
+    at_place = {(look.view_id, look.lamp): look for look in shown.every}
     found: list[FloorLook] = []
-    for raised_mm in _depths(recess, pixel_mm):
+    for raised_mm in _depths(recess, shown.pixel_mm):
         way = raised_mm * recess.axis
         rival = PosedPart(_with_floor_moved(solid, recess, way))
         moved = edges.moved(recess.floor, way)
         for look in look_at(rival, moved):
             own = at_place[look.view_id, look.lamp]
-            one = floor_look(edges, own, recess, settings, (raised_mm, moved, look))
+            one = floor_look(edges, own, recess, shown.settings, (raised_mm, moved, look))
             found += [one] if one is not None else []
     known = {(one.view_id, one.lamp) for one in elsewhere if not one.is_by_light}
     agreed = _agreed([*found, *elsewhere])

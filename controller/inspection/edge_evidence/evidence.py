@@ -25,7 +25,7 @@ from ._displaced import find_displaced
 from ._edges import PartEdges
 from ._faces import TWO, FaceEdges, MissingEdge, missing_edges, prove_faces
 from ._floor_light import blind_bore, rise_by_light
-from ._looks import EdgeLook, look_at_edges
+from ._looks import EdgeLook, EdgeLooks, look_at_edges
 from ._other_looks import refuted
 from ._rival_depths import look_at_other_depths
 
@@ -84,44 +84,35 @@ def find_evidence(
     looks: list[EdgeLook] = []
     for one, found in zip(views, by_view, strict=True):
         looks += counted.only(found, one, edges)
-    cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
-    narrow = is_narrow(part.solid, limits.smallest_defect_mm, pixel_mm, cosine)
-    recesses = find_recesses(part.solid)
-    deep = is_deep(part.solid, recesses, limits.smallest_defect_mm, pixel_mm, _least_slope(views))
-    floors = _floors(
-        part, recesses, edges, looks, views, counted, allowances, settings,
-        limits.smallest_defect_mm,
-    )  # fmt: skip
-    faces = prove_faces(
-        part.solid, recesses, edges, looks, narrow, deep, floors, limits.smallest_defect_mm
-    )
-    runs = find_displaced(edges, looks, pixel_mm, DUST_SIZES * limits.dust_mm, allowances, settings)
-    poses = {one.task.view_id: one.T_world_part_measured for one in views}
-    is_refuted = refuted(edges, runs, looks, poses, pixel_mm, allowances, settings)
-    damage = find_damage(edges, runs, poses, is_refuted)
-    missing = missing_edges(part.solid, edges, looks, limits.smallest_defect_mm, pixel_mm)
-    against = find_against(
-        part.solid,
-        recesses,
+    smallest_mm = limits.smallest_defect_mm
+    shown = EdgeLooks(
         edges,
-        looks,
-        floors.values(),
-        missing,
-        poses,
+        tuple(looks),
+        {one.task.view_id: one.T_world_part_measured for one in views},
         pixel_mm,
-        limits.smallest_defect_mm,
+        smallest_mm,
         allowances,
         settings,
     )
+    cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
+    narrow = is_narrow(part.solid, smallest_mm, pixel_mm, cosine)
+    recesses = find_recesses(part.solid)
+    deep = is_deep(part.solid, recesses, smallest_mm, pixel_mm, _least_slope(views))
+    floors = _floors(part, recesses, shown, views, counted)
+    faces = prove_faces(part.solid, recesses, shown, narrow, deep, floors)
+    runs = find_displaced(shown, DUST_SIZES * limits.dust_mm)
+    damage = find_damage(shown, runs, refuted(shown, runs))
+    missing = missing_edges(part.solid, shown)
+    against = find_against(part.solid, recesses, shown, floors.values(), missing)
     return EdgeEvidence(
         edges,
-        tuple(looks),
+        shown.every,
         faces,
         {
             view_id: (*against.get(view_id, ()), *damage.get(view_id, ()))
             for view_id in (*against, *damage)
         },
-        compared_beside(samples, edges, looks, faces, limits.smallest_defect_mm),
+        compared_beside(samples, shown, faces),
         missing,
     )
 
@@ -188,32 +179,25 @@ def _least_slope(views: Sequence[PosedView]) -> float:
 def _floors(
     part: PosedPart,
     recesses: Sequence[Recess],
-    edges: PartEdges,
-    looks: Sequence[EdgeLook],
+    shown: EdgeLooks,
     views: Sequence[PosedView],
     counted: "_Counted",
-    allowances: Allowances,
-    settings: MeasuringSettings,
-    smallest_mm: float,
 ) -> dict[frozenset[int], Floor]:
     """Return the visible floors of blind holes, by their walls.
 
     Parameters
     ----------
     part : the CAD model
-    recesses, edges : recesses and edges of the part
-    looks : looks at the edges
+    recesses : its recesses
+    shown : looks at its edges
     views : views with the pictures that count
     counted : places for which each of them counts
-    allowances, settings : see `find_evidence`
-    smallest_mm : size of the smallest defect
     """
-    pixel_mm = closest_pixel_mm(views)
-    allowed = allowed_mm(part, allowances.tolerance_class)
+    allowed = allowed_mm(part, shown.allowances.tolerance_class)
 
     def look_at(rival: PosedPart, moved: PartEdges) -> Iterator[EdgeLook]:
         for one in views:
-            found = look_at_edges(rival, moved, one, allowed, settings)
+            found = look_at_edges(rival, moved, one, allowed, shown.settings)
             yield from counted.only(found, one, moved)
 
     found: dict[frozenset[int], Floor] = {}
@@ -222,17 +206,15 @@ def _floors(
             continue
         bore = blind_bore(part.solid, recess)
         rises = (
-            rise_by_light(part, bore, one, lamp, smallest_mm)
+            rise_by_light(part, bore, one, lamp, shown.smallest_mm)
             for one in views
             for lamp in one.lamps
             if lamp != BACKLIT and bore is not None and counted.counts_for(one, recess.floor)
         )
         by_light = [rise for rise in rises if rise is not None]
-        floor = find_floor(edges, looks, recess, settings, by_light)
+        floor = find_floor(shown, recess, by_light)
         if not np.isfinite(floor.bound_mm) and len({one.source for one in floor.elsewhere}) < TWO:
-            others = look_at_other_depths(
-                part.solid, edges, looks, recess, look_at, settings, pixel_mm, floor.elsewhere
-            )
+            others = look_at_other_depths(part.solid, shown, recess, look_at, floor.elsewhere)
             floor = replace(floor, looks=(*floor.looks, *others))
         found[recess.walls] = floor
     return found
