@@ -15,6 +15,11 @@ from multiprocessing import active_children, get_context
 from .loading import loading
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
+# what a terminal, or who stops a whole group of processes, sends to each of them: the parent
+# decides when its workers end
+LEFT_TO_PARENT = (
+    signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP, signal.SIGTSTP,
+)  # fmt: skip
 
 
 def make_pool(module: str = "", count: int = 1, niceness: int = 0) -> ProcessPoolExecutor:
@@ -53,13 +58,13 @@ def worker_pool(
         yield pool
     finally:
         for child in active_children():
-            child.terminate()
+            child.kill()
         pool.shutdown(cancel_futures=True)
 
 
 def _begin(parent: int, niceness: int, module: str) -> None:
-    """Make a worker end with its parent, and leave the terminal's signals to the parent."""
-    for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP, signal.SIGTSTP):
+    """Make a worker end with its parent, and leave signals to a group to the parent."""
+    for number in LEFT_TO_PARENT:
         signal.signal(number, signal.SIG_IGN)
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     os.nice(niceness)

@@ -191,13 +191,15 @@ class Supervisor:
         self._has_struck = True
         if not self._orders.stops:  # nothing may move
             return
-        unsent = []
+        sent, unsent = [], []
         for stop in sorted(self._orders.stops, key=lambda one: _host_of(one.place) is not None):
             try:
                 _send(stop)
             except OSError as error:
                 unsent.append(f"{stop.name} ({error.strerror or error})")
-        names = joined(", ", (one.name for one in self._orders.stops))
+            else:
+                sent.append(stop.name)
+        names = joined(", ", sent) or key("no device")
         missed = say("; not sent to {unsent}", unsent=joined(", ", unsent)) if unsent else ""
         sentence = say(
             "the supervisor has sent a stop to {names}{missed}: {why}",

@@ -245,6 +245,12 @@ def numbered_run(runs: Path, *serials: str) -> None:
     writer.journal.close()
 
 
+def test_more_numbers_than_parts_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="4 serial numbers for 3 parts"):
+        papers(tmp_path, serials=["A", "B", "C", "D"])
+    assert papers(tmp_path, serials=["A", "B"]).serials == ("A", "B")
+
+
 def test_numbers_that_earlier_parts_have_are_not_counted_again(tmp_path: Path) -> None:
     numbered_run(tmp_path, "A0002", "A0007", "B9")
     with pytest.raises(ConfigError, match="have A0002 already"):

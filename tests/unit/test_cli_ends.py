@@ -109,6 +109,13 @@ def test_a_worker_ends_with_a_parent_that_was_killed(tmp_path: Path) -> None:
     assert said.strip().isdigit()
 
 
+def test_a_worker_leaves_a_stop_of_the_whole_group_to_its_parent() -> None:
+    with worker_pool() as pool:
+        worker = pool.submit(os.getpid).result()
+        os.kill(worker, signal.SIGTERM)  # as `timeout` sends it to each process of a command
+        assert pool.submit(os.getpid).result() == worker
+
+
 def test_a_worker_at_work_is_not_waited_for() -> None:
     with worker_pool() as pool:
         worker = pool.submit(os.getpid).result()

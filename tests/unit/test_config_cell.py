@@ -233,3 +233,50 @@ def test_parts_are_dropped_where_the_camera_sees_the_table_glow(
     glow = cell.table.glowing_area
     assert glow.x[0] < area.x[0] < area.x[1] < glow.x[1]
     assert glow.y[0] < area.y[0] < area.y[1] < glow.y[1]
+
+
+WIRES = {
+    "one unit of a bus": (("gripper:     {address: emulated", "gripper:     {address: 10.0.0.5"),
+                          ("io:          {address: emulated, transport: tcp, unit: 1",
+                           "io:          {address: 10.0.0.5, transport: tcp, unit: 9"),
+                          "gripper and io have unit 9 at 10.0.0.5, both"),
+    "a serial line": (("arm:         {address: emulated", "arm:         {address: /dev/ttyUSB0"),
+                      ("gripper:     {address: emulated, transport: tcp",
+                       "gripper:     {address: /dev/ttyUSB0, transport: rtu"),
+                      "gripper and arm have /dev/ttyUSB0, both"),
+    "one camera": (("overhead:    {address: emulated", "overhead:    {address: /dev/video0"),
+                   ("inspection:  {address: emulated", "inspection:  {address: /dev/video0"),
+                   "overhead and inspection have /dev/video0, both"),
+    "a tray": (("accept:     {centre: [100, 390]", "accept:     {centre: [-40, 400]"), ("", ""),
+               "accept and reject overlap"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("one", "other", "says"), WIRES.values(), ids=WIRES)
+def test_what_two_cannot_share_is_refused(
+    one: tuple[str, str], other: tuple[str, str], says: str, tmp_path: Path
+) -> None:
+    text = CELL_TEXT.replace(*one).replace(*other)
+    assert text != CELL_TEXT
+    path = tmp_path / "cell.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=says):
+        load_cell(path)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (("gripper:     {address: emulated", "gripper:     {address: 10.0.0.5"),
+         ("io:          {address: emulated", "io:          {address: 10.0.0.5")),
+        (("arm:         {address: emulated", "arm:         {driver: ur, address: 10.0.0.9"),
+         ("gripper:     {address: emulated", "gripper:     {address: 10.0.0.9")),
+    ],
+    ids=["units of a gateway", "a gripper on the arm's tool"],
+)  # fmt: skip
+def test_what_two_may_share_is_taken(
+    one: tuple[str, str], other: tuple[str, str], tmp_path: Path
+) -> None:
+    path = tmp_path / "cell.yaml"
+    path.write_text(CELL_TEXT.replace(*one).replace(*other), encoding="utf-8")
+    load_cell(path)

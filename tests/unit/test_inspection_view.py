@@ -529,6 +529,20 @@ def test_a_pit_of_two_millimetres_a_third_off_is_found(lamp: str, factor: float)
     assert np.sign(pit.contrast) == np.sign(factor - 1)
 
 
+def test_beside_a_glow_there_is_no_mark_of_the_other_sign() -> None:
+    """Light from a finger on a dark face: filters answer around it, where the face is as it was."""
+    pictures = right_pictures()
+    (at,) = CAMERA.project(transform(FRONT, np.array([[0.0, 5.0, 12.0]])))
+    lit = pictures.lit["side"].astype(float)
+    v, u = np.mgrid[0 : lit.shape[0], 0 : lit.shape[1]]
+    lit *= 1 + 1.5 * np.exp(-0.5 * ((u - at[0]) ** 2 + (v - at[1]) ** 2) / 10.0**2)
+    glowing = np.clip(lit, 0, 255).astype(np.uint8)
+    result = look(replace(pictures, lit={**pictures.lit, "side": glowing}))
+    marks = [f for f in result.findings if f.kind.is_mark]
+    assert marks
+    assert min(abs(f.contrast) for f in marks) > 0.05
+
+
 def test_a_speck_of_dust_is_none() -> None:
     result = marked("side", 0.3, 0.3)
     assert result.findings == ()

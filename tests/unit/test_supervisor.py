@@ -263,7 +263,7 @@ def test_a_wire_that_cannot_be_reached_is_named_before_anything_moves(line: Line
         assert {"unreached": "fixed gripper"} in heart.said
         heart.beat()
         struck = str(heart.hear()["struck"])
-        assert "not sent to fixed gripper (" in struck
+        assert f"sent a stop to {STOP.name}; not sent to fixed gripper (" in struck
         assert line.bytes, "the arm is stopped all the same, and first"
     finally:
         heart.close()

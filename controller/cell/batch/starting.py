@@ -330,8 +330,8 @@ def refuse(
     where : the part is, or what has not moved, as a sentence
     custody : gripper that may have a part; None if nobody has looked
     """
-    key = "" if custody is None else custody.key.upper()
+    holder = "" if custody is None else custody.key.upper()
     journal.write(
-        rows.AtRest(state="refused", message=message, code=code, custody=key, where=where)
+        rows.AtRest(state="refused", message=message, code=code, custody=holder, where=where)
     )
     return BatchEnd("refused", message, code, where)

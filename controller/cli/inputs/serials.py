@@ -40,6 +40,12 @@ def papers_of(
     ConfigError : options contradict each other, a number is none, or parts have it already
     """
     _check(options, listed, recipe_count)
+    given = len(options.serials or ())
+    if given > part_count:
+        raise ConfigError(
+            f"{given} serial numbers for {part_count} {'part' if part_count == 1 else 'parts'}: "
+            f"leave some out, or order as many parts (--count {given})"
+        )
     first = options.counted_from or ""
     if first:
         first = _first_counted(first, part_count, runs_dir, goes_on=options.goes_on)

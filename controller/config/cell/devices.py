@@ -126,6 +126,29 @@ class DevicesSection(Section):
     overhead: CameraDevice
     inspection: CameraDevice
 
+    @model_validator(mode="after")
+    def _share_no_wire(self) -> "DevicesSection":
+        modules = (
+            ("gripper", self.gripper, self.gripper.unit),
+            ("lights", self.lights, self.lights.analog_unit),
+            ("lights", self.lights, self.lights.relay_unit),
+            ("io", self.io, self.io.unit),
+        )
+        owner: dict[tuple[str, int], str] = {}
+        for name, line, unit in modules:
+            taken = owner.setdefault((line.address, unit), name)
+            if line.address != EMULATED and taken != name:
+                raise ValueError(f"{taken} and {name} have unit {unit} at {line.address}, both")
+        alone = (("arm", self.arm), ("overhead", self.overhead), ("inspection", self.inspection))
+        for number, (name, device) in enumerate(alone):
+            others = (*alone[:number], *((other, line) for other, line, _ in modules))
+            at_once = [other for other, it in others if it.address == device.address]
+            # an arm in a network may have the gripper on its tool at the same address
+            is_one = device.address.startswith("/") or isinstance(device, CameraDevice)
+            if at_once and is_one and device.address != EMULATED:
+                raise ValueError(f"{at_once[0]} and {name} have {device.address}, both")
+        return self
+
 
 class InterlocksSection(Section):
     """Inputs of the I/O block, counted from 0.

@@ -1,5 +1,6 @@
 """The surroundings of the arm: table, fixed gripper, chute, trays."""
 
+from itertools import combinations
 from typing import Annotated, Self
 
 import numpy as np
@@ -211,3 +212,17 @@ class TraysSection(Section):
     accept: TraySection
     reject: TraySection
     quarantine: TraySection
+
+    @model_validator(mode="after")
+    def _lie_apart(self) -> "TraysSection":
+        trays = {"accept": self.accept, "reject": self.reject, "quarantine": self.quarantine}
+        for (name, one), (other_name, other) in combinations(trays.items(), 2):
+            gaps = [
+                abs(one.centre[axis] - other.centre[axis]) - (one.size[axis] + other.size[axis]) / 2
+                for axis in (0, 1)
+            ]
+            if max(gaps) < -1e-6:
+                raise ValueError(
+                    f"{name} and {other_name} overlap; move one, or parts of both lie together"
+                )
+        return self

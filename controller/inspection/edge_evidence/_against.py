@@ -167,9 +167,10 @@ def _edge_findings(shown: EdgeLooks, places: _Places) -> Iterator[tuple[str, Fin
 def _absent_mouths(solid: Solid, shown: EdgeLooks, missing: Sequence[MissingEdge]) -> list[Mouth]:
     """Return the mouths that no picture shows: the part lacks the hollow.
 
-    Nothing of it is in place, or close to it, in any picture that must show most of it; in two of
-    them the part is turned. It is at least as long as that of a hole of the smallest defect's size:
-    what is smaller is dark more easily, and nobody asks for it.
+    Nothing of it is in place, or close to it, in any picture that must show most of it and does
+    show most of the other edges of the face about it; in two of them the part is turned. It is at
+    least as long as that of a hole of the smallest defect's size: what is smaller is dark more
+    easily, and nobody asks for it.
 
     Parameters
     ----------
@@ -179,25 +180,38 @@ def _absent_mouths(solid: Solid, shown: EdgeLooks, missing: Sequence[MissingEdge
     gone = {one.edge for one in missing}
     out = []
     for mouth in find_mouths(solid):
-        points = np.flatnonzero(np.isin(edges.edge, list(mouth.edges)))
-        if not set(edges.edge[points].tolist()) <= gone:
+        is_own = np.isin(edges.edge, list(mouth.edges))
+        own = np.flatnonzero(is_own)
+        if not set(edges.edge[own].tolist()) <= gone:
             continue
-        if edges.length_mm[points].sum() < np.pi * shown.smallest_mm:
+        if edges.length_mm[own].sum() < np.pi * shown.smallest_mm:
             continue
-        showing = [
-            (look.view_id, look.state[points])
-            for look in shown.every
-            if (look.state[points] != State.HIDDEN).mean() > GREATER_PART
-        ]
+        about = sorted(set(edges.faces[own].ravel().tolist()) - mouth.walls)
+        beside = np.flatnonzero(np.isin(edges.faces, about).any(axis=1) & ~is_own)
+        showing = [look for look in shown.every if _must_show(look, own, beside)]
         is_near = any(
-            np.isin(state, (State.IN_PLACE, State.ELSEWHERE)).mean() >= CHANCE
-            for _, state in showing
+            np.isin(look.state[own], (State.IN_PLACE, State.ELSEWHERE)).mean() >= CHANCE
+            for look in showing
         )
-        views = sorted({view_id for view_id, _ in showing})
+        views = sorted({look.view_id for look in showing})
         is_other_look = any(shown.is_turned(*pair) for pair in combinations(views, 2))
         if is_other_look and not is_near:
             out.append(mouth)
     return out
+
+
+def _must_show(look: EdgeLook, own: IndexArray, beside: IndexArray) -> bool:
+    """Return True if a look must show most of some points, and shows most of those beside them.
+
+    Parameters
+    ----------
+    look : look at the picture
+    own, beside : (k,) points asked for, and (m,) those of other edges in the same light
+    """
+    state = look.state[beside]
+    there = int((state == State.IN_PLACE).sum())
+    is_shown = there > GREATER_PART * int((state != State.HIDDEN).sum())
+    return is_shown and bool((look.state[own] != State.HIDDEN).mean() > GREATER_PART)
 
 
 def _missing_findings(

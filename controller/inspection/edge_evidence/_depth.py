@@ -24,6 +24,7 @@ MIN_POINTS: Final = 6  # least number of points on the mouth, and on the floor, 
 FOLLOWS: Final = 0.6
 # Height of a floor, as a share of the depth, from which it is another hole's.
 OTHER_HOLE_SHARE: Final = 0.5
+LIT_SHARE: Final = 0.3  # the same share for a floor placed by light, whose model has larger errors
 # Error from which a floor is wrong, as a share of the depth and at least in mm; general tolerances
 # are narrower.
 WRONG_SHARE: Final = 0.1
@@ -32,7 +33,6 @@ HIGH_COUNT: Final = 2  # number of pictures required for a floor in the upper ha
 # Largest `FloorLook.uneven` of a bare floor. In seven looks at floors 10 and 14 mm deep, 5 and 6 mm
 # wide, it was 0.01 to 0.03, with a block of 3 x 3 x 2 mm on one 0.13.
 UNEVEN: Final = 0.06
-LIT_SHARE: Final = 0.3  # the same share for a floor placed by light, whose model has larger errors
 
 
 @dataclass(frozen=True, eq=False, slots=True)

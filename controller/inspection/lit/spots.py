@@ -14,7 +14,7 @@ from controller.arrays import BoolArray, Grey
 from .._connected import border_of, nearest_on_part
 from .._pose import PosedPart, PoseFit
 from .._types import Finding, FindingKind, ViewTask
-from .marks import SPOT_NODES, Answers
+from .marks import MIN_CONTRAST, MIN_GAIN, SPOT_NODES, Answers
 from .surface import Surface
 from .texture import Texture
 
@@ -69,6 +69,8 @@ def local_findings(
         if mark is None:
             continue
         extent, length_mm, kind, contrast, dipole = mark
+        if abs(contrast) < MIN_GAIN * MIN_CONTRAST:
+            continue  # it answers to a light or a dark beside it, and is neither
         corner, dust_mm = fit.maps.roi[:2], task.limits.dust_mm
         if is_dust(picture, corner, peak, step_px, dust_mm, surface, length_mm):
             continue
