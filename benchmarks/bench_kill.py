@@ -8,7 +8,8 @@ drawn from the seed, anywhere from the first picture to the tray. A second one i
 same folder of runs with `--auto-recover`. Where the part was, what was let go and where it ended
 is the world's own word (its control port); what the controllers believed is in the journal. Then
 the record is counted: the one part of the world is one part in the history, with its tray.
-With --at it is killed soon after it has entered a state for the first or a further time.
+With --at it is killed soon after it has entered a state for the first or a further time; a moment
+that never comes is told, and is no kill.
 """
 
 import os
@@ -65,12 +66,17 @@ class Moment:
         return cls(state, int(number or 1), STAGE_S)
 
 
-def kill_at(seed: int, speed: float, folder: Path, cell: Path, at: Moment) -> dict[str, Any]:
-    """Kill a controller at a random moment, start again, and return what happened."""
+def kill_at(seed: int, speed: float, folder: Path, cell: Path, at: Moment) -> dict[str, Any] | None:
+    """Kill a controller at a random moment, start again, and return what happened.
+
+    None where the run ended before that moment came.
+    """
     delay_s = random.Random(seed).uniform(0.0, at.span_s)
     runs = folder / "runs"
     with kill_world(folder, PART, seed=CELL_SEED, speed=speed, drawing=cell) as world:
         state, result = _run_until(world, runs, at, delay_s)
+        if result:
+            return None
         killed = world.when_still()
         before = _part(killed)
         second = start(world, RECIPE, runs, "--auto-recover")
@@ -195,8 +201,10 @@ def main() -> int:
         if time.monotonic() - began_s > args.until:
             break
         with tempfile.TemporaryDirectory() as folder:
-            outcomes.append(kill_at(seed, args.speed, Path(folder), args.cell, at))
-        note(outcomes[-1])
+            outcome = kill_at(seed, args.speed, Path(folder), args.cell, at)
+        if outcome is not None:
+            outcomes.append(outcome)
+        note(outcome or {"seed": seed, "never came": f"{at.state}:{at.time}"})
     tally = Counter(f"{one['held_by']} -> {one['tray'] or one['end']}" for one in outcomes)
     summary = {
         "statements_right": sum(one["stated_right"] for one in outcomes),

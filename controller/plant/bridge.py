@@ -17,6 +17,7 @@ from controller.config import ConfigError
 from controller.config.files import file_sha256
 from controller.config.shipped import SHIPPED
 from controller.launching import Launcher, RecipeChoice
+from controller.memory import trim
 from controller.page.security import Accounts, AccountsError, Role
 from controller.results.run import ResultsError
 
@@ -31,6 +32,9 @@ log = logging.getLogger(__name__)
 STATE_WALL_S: Final = 0.25
 LONGEST_PAUSE_WALL_S: Final = 60.0
 STATE_AGE_WALL_S: Final = 0.5  # a state no older than this is told again
+# A result is read and told in a megabyte or two, of which the allocator keeps pieces: without this
+# the bridge takes 9 MB more after an hour of parts, and 4 MB more after each ten.
+TRIM_WALL_S: Final = 30.0
 WHO_MAX: Final = 200
 
 
@@ -254,10 +258,18 @@ async def serve(plant: CellPlant, orders: OrderBook, wires: Sequence[Wire],
     """
     async with asyncio.TaskGroup() as tasks:
         tasks.create_task(orders.run())
+        tasks.create_task(_trim_again())
         for wire in wires:
             tasks.create_task(_serve_again(wire, plant))
         for box in boxes:
             tasks.create_task(box.run())
+
+
+async def _trim_again() -> None:
+    """Give back the memory that results took while they were told, now and then."""
+    while True:
+        await asyncio.sleep(TRIM_WALL_S)
+        trim()
 
 
 async def _serve_again(wire: Wire, plant: CellPlant) -> None:
