@@ -24,6 +24,8 @@ def test_a_state_without_a_label_is_a_line_of_its_own() -> None:
     assert progress_line(shown) == "grasping 1/9 (80 s left)"
     shown.label = "pick it up"
     assert progress_line(shown) == "grasping 1/9: pick it up (80 s left)"
+    shown.label = "grasping"  # as an action says that it begins
+    assert progress_line(shown) == "grasping 1/9 (80 s left)"
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])

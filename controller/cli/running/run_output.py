@@ -88,7 +88,8 @@ def progress_line(progress: RunProgress) -> str:
     step = f" {progress.step}/{progress.step_count}" if progress.step_count else ""
     left = f" ({progress.remaining_s:.0f} s left)" if progress.remaining_s is not None else ""
     pose = f" | {progress.part_pose}" if progress.part_pose else ""
-    label = f": {progress.label}" if progress.label else ""
+    says_more = progress.label not in ("", progress.state)
+    label = f": {progress.label}" if says_more else ""
     return f"{progress.state}{step}{label}{left}{pose}"
 
 
