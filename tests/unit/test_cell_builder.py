@@ -139,9 +139,9 @@ def test_what_the_file_says_of_a_line_reaches_it(tmp_path: Path) -> None:
 def test_devices_on_one_line_say_the_same_of_it(differing: dict[str, str], tmp_path: Path) -> None:
     keys = {"baudrate": "115200"} | differing
     own = ", ".join(f"{key}: {value}" for key, value in keys.items())
-    same = cell_with(tmp_path, gripper=RTU + own + "}", lights=RTU + own + "}")
+    same = cell_with(tmp_path, gripper=RTU + own + ", unit: 9}", lights=RTU + own + "}")
     assert len(lines_of(same)) == 1
-    cell = cell_with(tmp_path, gripper=RTU + "baudrate: 115200}", lights=RTU + own + "}")
+    cell = cell_with(tmp_path, gripper=RTU + "unit: 9}", lights=RTU + own + "}")
     with pytest.raises(ConfigError, match=r"lights and devices\.gripper: both are on the line"):
         lines_of(cell)
 

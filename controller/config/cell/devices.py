@@ -26,6 +26,11 @@ class DeviceSection(Section):
     driver: DriverName
     settings: dict[str, Any] = Field(default_factory=dict)
 
+    @property
+    def has_own_driver(self) -> bool:
+        """True if its driver is the one that a cell file without `driver` gets."""
+        return bool(self.driver == type(self).model_fields["driver"].default)
+
 
 class ArmDevice(DeviceSection):
     """The arm, on a line of its own."""
@@ -128,25 +133,25 @@ class DevicesSection(Section):
 
     @model_validator(mode="after")
     def _share_no_wire(self) -> "DevicesSection":
-        modules = (
+        """Refuse what this project's drivers cannot share; others read addresses as they like."""
+        owner: dict[tuple[str, int | None], str] = {}
+        for name, device, unit in (
             ("gripper", self.gripper, self.gripper.unit),
             ("lights", self.lights, self.lights.analog_unit),
             ("lights", self.lights, self.lights.relay_unit),
             ("io", self.io, self.io.unit),
-        )
-        owner: dict[tuple[str, int], str] = {}
-        for name, line, unit in modules:
-            taken = owner.setdefault((line.address, unit), name)
-            if line.address != EMULATED and taken != name:
-                raise ValueError(f"{taken} and {name} have unit {unit} at {line.address}, both")
-        alone = (("arm", self.arm), ("overhead", self.overhead), ("inspection", self.inspection))
-        for number, (name, device) in enumerate(alone):
-            others = (*alone[:number], *((other, line) for other, line, _ in modules))
-            at_once = [other for other, it in others if it.address == device.address]
-            # an arm in a network may have the gripper on its tool at the same address
-            is_one = device.address.startswith("/") or isinstance(device, CameraDevice)
-            if at_once and is_one and device.address != EMULATED:
-                raise ValueError(f"{at_once[0]} and {name} have {device.address}, both")
+            ("arm", self.arm, None),
+            ("overhead", self.overhead, None),
+            ("inspection", self.inspection, None),
+        ):
+            if device.address == EMULATED or not device.has_own_driver:
+                continue
+            of_line = [taken for (where, _), taken in owner.items() if where == device.address]
+            if unit is None and of_line:
+                raise ValueError(f"{of_line[0]} and {name} have {device.address}, both")
+            taken = owner.setdefault((device.address, unit), name)
+            if taken != name:
+                raise ValueError(f"{taken} and {name} have unit {unit} at {device.address}, both")
         return self
 
 
