@@ -32,8 +32,8 @@ log = logging.getLogger(__name__)
 STATE_WALL_S: Final = 0.25
 LONGEST_PAUSE_WALL_S: Final = 60.0
 STATE_AGE_WALL_S: Final = 0.5  # a state no older than this is told again
-# A result is read and told in a megabyte or two, of which the allocator keeps pieces: without this
-# the bridge takes 9 MB more after an hour of parts, and 4 MB more after each ten.
+# A result is read and told in a megabyte or two, of which the allocator keeps pieces: 4 MB in ten
+# parts, which a trim gives back.
 TRIM_WALL_S: Final = 30.0
 WHO_MAX: Final = 200
 
