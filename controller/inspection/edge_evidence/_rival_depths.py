@@ -32,7 +32,7 @@ def look_at_other_depths(
     shown: EdgeLooks,
     recess: Recess,
     look_at: Callable[[PosedPart, PartEdges], Iterable[EdgeLook]],
-    elsewhere: Sequence[FloorLook],
+    by_light: Sequence[FloorLook],
 ) -> tuple[FloorLook, ...]:
     """Return more looks that agree on another depth of a floor; none if they do not.
 
@@ -42,7 +42,7 @@ def look_at_other_depths(
     shown : looks at its edges at their nominal places
     recess : a blind recess
     look_at : function that looks at edges of a part in the same pictures
-    elsewhere : looks that place it at another depth already
+    by_light : looks that place it at another depth by light
     """
     edges = shown.edges
     at_place = {(look.view_id, look.lamp): look for look in shown.every}
@@ -55,11 +55,7 @@ def look_at_other_depths(
             own = at_place[look.view_id, look.lamp]
             one = floor_look(edges, own, recess, shown.settings, (raised_mm, moved, look))
             found += [one] if one is not None else []
-    known = {(one.view_id, one.lamp) for one in elsewhere if not one.is_by_light}
-    agreed = _agreed([*found, *elsewhere])
-    return tuple(
-        one for one in agreed if not one.is_by_light and (one.view_id, one.lamp) not in known
-    )
+    return tuple(one for one in _agreed([*found, *by_light]) if not one.is_by_light)
 
 
 def _depths(recess: Recess, pixel_mm: float) -> Iterator[float]:

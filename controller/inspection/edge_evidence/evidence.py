@@ -23,7 +23,7 @@ from ._damage import find_damage
 from ._depth import Floor, find_floor
 from ._displaced import find_displaced
 from ._edges import PartEdges
-from ._faces import TWO, FaceEdges, MissingEdge, missing_edges, prove_faces
+from ._faces import FaceEdges, MissingEdge, missing_edges, prove_faces
 from ._floor_light import blind_bore, rise_by_light
 from ._looks import EdgeLook, EdgeLooks, look_at_edges
 from ._other_looks import refuted
@@ -213,7 +213,8 @@ def _floors(
         )
         by_light = [rise for rise in rises if rise is not None]
         floor = find_floor(shown, recess, by_light)
-        if not np.isfinite(floor.bound_mm) and len({one.source for one in floor.elsewhere}) < TWO:
+        # an edge at another depth is a finding as it is; one that light alone shows is sought
+        if not np.isfinite(floor.bound_mm) and all(one.is_by_light for one in floor.elsewhere):
             others = look_at_other_depths(part.solid, shown, recess, look_at, floor.elsewhere)
             floor = replace(floor, looks=(*floor.looks, *others))
         found[recess.walls] = floor
