@@ -38,10 +38,5 @@ def give_back() -> None:
     """Return free memory that the allocator would keep in pieces, and `map_large_arrays`."""
     gc.collect()  # trimesh's meshes hold themselves in circles
     map_large_arrays()
-    trim()
-
-
-def trim() -> None:
-    """Return free memory that the allocator keeps in pieces; takes some ms."""
     with suppress(AttributeError, OSError):
         ctypes.CDLL(None).malloc_trim(0)

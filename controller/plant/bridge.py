@@ -17,7 +17,6 @@ from controller.config import ConfigError
 from controller.config.files import file_sha256
 from controller.config.shipped import SHIPPED
 from controller.launching import Launcher, RecipeChoice
-from controller.memory import trim
 from controller.page.security import Accounts, AccountsError, Role
 from controller.results.run import ResultsError
 
@@ -32,9 +31,6 @@ log = logging.getLogger(__name__)
 STATE_WALL_S: Final = 0.25
 LONGEST_PAUSE_WALL_S: Final = 60.0
 STATE_AGE_WALL_S: Final = 0.5  # a state no older than this is told again
-# A result is read and told in a megabyte or two, of which the allocator keeps pieces: 4 MB in ten
-# parts, which a trim gives back.
-TRIM_WALL_S: Final = 30.0
 WHO_MAX: Final = 200
 
 
@@ -258,18 +254,10 @@ async def serve(plant: CellPlant, orders: OrderBook, wires: Sequence[Wire],
     """
     async with asyncio.TaskGroup() as tasks:
         tasks.create_task(orders.run())
-        tasks.create_task(_trim_again())
         for wire in wires:
             tasks.create_task(_serve_again(wire, plant))
         for box in boxes:
             tasks.create_task(box.run())
-
-
-async def _trim_again() -> None:
-    """Give back the memory that results took while they were told, now and then."""
-    while True:
-        await asyncio.sleep(TRIM_WALL_S)
-        trim()
 
 
 async def _serve_again(wire: Wire, plant: CellPlant) -> None:

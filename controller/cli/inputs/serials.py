@@ -39,13 +39,7 @@ def papers_of(
     ------
     ConfigError : options contradict each other, a number is none, or parts have it already
     """
-    _check(options, listed, recipe_count)
-    given = len(options.serials or ())
-    if given > part_count:
-        raise ConfigError(
-            f"{given} serial numbers for {part_count} {'part' if part_count == 1 else 'parts'}: "
-            f"leave some out, or order as many parts (--count {given})"
-        )
+    _check(options, listed, recipe_count, part_count)
     first = options.counted_from or ""
     if first:
         first = _first_counted(first, part_count, runs_dir, goes_on=options.goes_on)
@@ -60,7 +54,9 @@ def papers_of(
     )
 
 
-def _check(options: SerialOptions, listed: PartsList | None, recipe_count: int) -> None:
+def _check(
+    options: SerialOptions, listed: PartsList | None, recipe_count: int, part_count: int
+) -> None:
     sources = {
         "--serial": bool(options.serials),
         "--serial-from": options.counted_from is not None,
@@ -81,6 +77,11 @@ def _check(options: SerialOptions, listed: PartsList | None, recipe_count: int) 
     twice = [one for one, count in Counter(options.serials).items() if count > 1]
     if twice:
         raise ConfigError(f"--serial {twice[0]}: given twice; each part needs its own")
+    if (count := len(options.serials or ())) > part_count:
+        raise ConfigError(
+            f"{count} serial numbers for {part_count} {'part' if part_count == 1 else 'parts'}: "
+            f"leave some out, or order as many parts (--count {count})"
+        )
     if options.goes_on and options.counted_from is None:
         raise ConfigError("--across-runs requires --serial-from")
     if options.is_read and listed is not None:

@@ -197,11 +197,7 @@ class TraySection(Section):
                     raise ValueError(f"nest {number} is {out:g} mm beyond the tray along {name}")
         for k, one in enumerate(self.places()):
             for number, other in enumerate(self.places()[:k], start=1):
-                gaps = [
-                    abs(one.at[axis] - other.at[axis]) - (one.size[axis] + other.size[axis]) / 2
-                    for axis in (0, 1)
-                ]
-                if max(gaps) < -1e-6:
+                if _overlap(one.at, one.size, other.at, other.size):
                     raise ValueError(f"nests {number} and {k + 1} overlap")
         return self
 
@@ -217,12 +213,17 @@ class TraysSection(Section):
     def _lie_apart(self) -> "TraysSection":
         trays = {"accept": self.accept, "reject": self.reject, "quarantine": self.quarantine}
         for (name, one), (other_name, other) in combinations(trays.items(), 2):
-            gaps = [
-                abs(one.centre[axis] - other.centre[axis]) - (one.size[axis] + other.size[axis]) / 2
-                for axis in (0, 1)
-            ]
-            if max(gaps) < -1e-6:
+            if _overlap(one.centre, one.size, other.centre, other.size):
                 raise ValueError(
                     f"{name} and {other_name} overlap; move one, or parts of both lie together"
                 )
         return self
+
+
+def _overlap(centre: Vec2, size: Size, other_centre: Vec2, other_size: Size) -> bool:
+    """Return True if two rectangles along x and y have an area in common."""
+    gaps = [
+        abs(centre[axis] - other_centre[axis]) - (size[axis] + other_size[axis]) / 2
+        for axis in (0, 1)
+    ]
+    return max(gaps) < -1e-6

@@ -71,14 +71,13 @@ def find_against(
     missing : edges that must be visible, and are so in no picture
     """
     out: dict[str, list[Finding]] = {}
-    edges, looks = shown.edges, shown.every
-    of_look = {(look.view_id, look.lamp): look for look in looks}
+    of_look = {(look.view_id, look.lamp): look for look in shown.every}
     places = _Places(recesses)
     mouths = _absent_mouths(solid, shown, missing)
     for view_id, finding in (
-        *(one for floor in floors for one in _floor_findings(solid, edges, floor, of_look)),
+        *(one for floor in floors for one in _floor_findings(solid, shown.edges, floor, of_look)),
         *_edge_findings(shown, places),
-        *_missing_findings(edges, looks, places, missing, mouths),
+        *_missing_findings(shown, places, missing, mouths),
     ):
         out.setdefault(view_id, []).append(finding)
     return {view_id: tuple(found) for view_id, found in out.items()}
@@ -215,13 +214,13 @@ def _must_show(look: EdgeLook, own: IndexArray, beside: IndexArray) -> bool:
 
 
 def _missing_findings(
-    edges: PartEdges,
-    looks: Sequence[EdgeLook],
+    shown: EdgeLooks,
     places: _Places,
     missing: Sequence[MissingEdge],
     absent: Sequence[Mouth],
 ) -> Iterator[tuple[str, Finding]]:
     """Yield a finding for each feature's missing edges, in the picture that must show most."""
+    edges, looks = shown.edges, shown.every
     by_place: dict[frozenset[int], list[MissingEdge]] = {}
     for edge in missing:
         by_place.setdefault(places.of(edge.faces), []).append(edge)
@@ -232,10 +231,12 @@ def _missing_findings(
         count = max(one.look_count for one in every)
         own = {one.edge for one in every}
         is_sure = any(mouth.edges & own for mouth in absent)
-        what = key("a whole mouth")
-        if not is_sure:
-            several = say("{every_count} edges", every_count=len(every))
-            what = key("an edge") if len(every) == 1 else several
+        if is_sure:
+            what = key("a whole mouth")
+        elif len(every) == 1:
+            what = key("an edge")
+        else:
+            what = say("{every_count} edges", every_count=len(every))
         words = say(
             "{what}, {length_mm:.1f} mm long, shown by none of {count} pictures that must show it",
             what=what,

@@ -196,7 +196,7 @@ class LitPictures:
     @cached_property
     def _smooth_faces(self) -> BoolArray:
         """Nodes on smooth faces, off edges, outline and gripper."""
-        play = strip_px(self._mm) + POSE_SPREADS * self._spread_px()
+        play = strip_px(self._mm) + POSE_SPREADS * self._spread_px
         return self._off_edges & (self._edge_px > play)
 
     @cached_property
@@ -219,8 +219,9 @@ class LitPictures:
         off = self._surface.seen & self._free & (self._edge_px > MIXED_PX)
         return np.asarray(off & (self._surface.cosine > FLATTEST_COS))
 
+    @cached_property
     def _spread_px(self) -> Float32Array:
-        """Return the uncertainty of the pose at the nodes (h, w), one standard deviation [px]."""
+        """Uncertainty of the pose at the nodes (h, w), one standard deviation [px]."""
         surface = self._surface
         rows, columns = np.nonzero(surface.seen)
         some = np.flatnonzero((rows % SPREAD_NODES == 0) & (columns % SPREAD_NODES == 0))
@@ -504,7 +505,7 @@ class LitPictures:
         """Return the reason why a lit picture misses the pose or is not sharp; empty if neither."""
         limits, fit = self._task.limits, self._fit
         # the outline that the lit picture must agree with is itself known that well only
-        play_px = SURE_SIGMAS * float(np.median(self._spread_px()[self._surface.seen]))
+        play_px = SURE_SIGMAS * float(np.median(self._spread_px[self._surface.seen]))
         limits = replace(limits, max_lit_shift_px=float(np.hypot(limits.max_lit_shift_px, play_px)))
         steps = register(lit.picture, fit.edge_px, fit.edge_normals, self._expected(lit))
         # the expected picture is blurred by a good lens; the backlit one tells how good this one is
