@@ -2,14 +2,16 @@
 
 A caller gets its turn in the recorded order and at the recorded instant. A caller that is not the
 next one waits: in the recorded run it was overtaken. If the next one has not come `OVERDUE_S` after
-its instant, it never will, and the waiting caller continues: its bytes show the difference. In the
-last moments of a run polls may be missing: a run that ends a little earlier asks less often.
+its instant, it never will, and the waiting caller continues: its bytes show the difference. Once a
+run is at rest polls may be missing: until all devices are given up they are asked more or less
+often.
 """
 
 import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import inf
 from typing import Any, Final, TypeVar, cast
 
 from drivers.errors import UnpluggedError
@@ -22,12 +24,10 @@ from .recording import LineCallers
 Opened = TypeVar("Opened")
 
 PROMPT_S: Final = 0.12  # longest time of a reply that was in time: the arm's time-out is 0.14 s
-END_S: Final = (
-    2.0  # of cell time: from the last motion to the end of a run, devices are only polled
-)
 RENAMED_S: Final = 0.02  # wait for a sender that has been renamed since the recording
 OVERDUE_S: Final = 0.2  # in cell time; a recorded loop was never late by this much
 ENDED: Final = "the recording has ended"
+LAST_ROW: Final = "run_ended"  # of the journal, written when all devices have been given up
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +74,7 @@ class Tape:
     difference : the first one, None while there is none
     request_count : requests that were the recorded ones
     callers : names who wants a line
+    at_rest_s : instant from which devices were only polled, until they were given up [cell s]
     has_run_out : a recording that is not whole has been played to its end
     """
 
@@ -85,6 +86,8 @@ class Tape:
         self.request_count = 0
         self.has_run_out = False
         self.callers = LineCallers()
+        told = (row.at_s for row in reversed(reader.rows) if _is_of_the_run(row))
+        self.at_rest_s = next(told, inf)
 
     @property
     def now_s(self) -> float:
@@ -149,6 +152,10 @@ class Tape:
         return None if last is None else (int(last[0]), str(last[1]), str(last[2]))
 
 
+def _is_of_the_run(row: WireRow) -> bool:
+    return row.wire == "journal" and row.info[2] != LAST_ROW
+
+
 class PlayedLine:
     """One line of the recording; a `drivers.wires.LineTap`.
 
@@ -164,6 +171,7 @@ class PlayedLine:
         self._rows: Sequence[WireRow] = [row for row in tape.reader.rows if row.wire == wire]
         self._turns = [row for row in self._rows if row.kind == "turn"]
         self._turn_count = 0
+        self._taking: WireRow | None = None  # its caller waits for its instant
         self._changed = asyncio.Event()
         self._place = 0  # of the next row that is not a turn
         self._what = ""  # the line was taken for
@@ -174,10 +182,10 @@ class PlayedLine:
     def left_count(self) -> int:
         """Recorded requests the replay never sent.
 
-        Those of the last moments do not count: a run that ends a little earlier asks less often
-        whether a device is still there.
+        Those of a run at rest do not count: one that ends a little earlier asks less often whether
+        a device is still there.
         """
-        until_s = self._end_s - END_S
+        until_s = self._tape.at_rest_s
         rows = [row for row in self._rows[self._place :] if row.kind in ("sent", "got")]
         return sum(
             a.kind == "sent" and b.kind == "got" and a.at_s < until_s for a, b in pairwise(rows)
@@ -207,11 +215,14 @@ class PlayedLine:
         while True:
             tape.require_same()
             due = self._turns[self._turn_count] if self._turn_count < len(self._turns) else None
-            if due is not None and self._is_due(due, what):
-                self._turn_count += 1
-                self._changed.set()
-                self._changed = asyncio.Event()
-                await self._until(due.at_s)
+            if due is not None and due is not self._taking and self._is_due(due, what):
+                self._taking = due
+                try:
+                    await self._until(due.at_s)
+                finally:
+                    self._turn_count += 1
+                    self._changed.set()
+                    self._changed = asyncio.Event()
                 return
             until_s = (self._end_s if due is None else due.at_s) + OVERDUE_S
             if due is not None and due.info[0] == what:
@@ -234,14 +245,13 @@ class PlayedLine:
         return bool(due.info == [what, self._tape.callers.name()])
 
     def _pass_last_polls(self, what: str) -> WireRow | None:
-        """Go on at a caller's own turn, past turns of others in the last moments of the recording.
+        """Go on at a caller's own turn, past turns of others in a run at rest.
 
         Return that turn, None if there is none. A busy machine polled a device once more between
         the end of the last part and the stop; those who polled have ended here.
         """
-        begin_s = self._end_s - END_S
         for count, row in enumerate(self._turns[self._turn_count :], start=self._turn_count + 1):
-            if row.at_s < begin_s:
+            if row.at_s < self._tape.at_rest_s:
                 return None
             if self._is_due(row, what):
                 self._turn_count = count

@@ -140,6 +140,41 @@ def test_who_comes_first_goes_second_if_that_is_what_was_recorded(tmp_path: Path
     assert seen == [("second", pytest.approx(1.0, abs=0.1)), ("first", pytest.approx(2.0, abs=0.1))]
 
 
+async def polling(line: PlayedLine, seen: list[str]) -> None:
+    await asyncio.sleep(0.5)
+    await line.turn("poll")
+    seen.append("poll")
+
+
+async def reading(line: PlayedLine, verbs: PlayedLine, seen: list[str]) -> None:
+    await verbs.turn("read")
+    await line.turn("read")
+    seen.append("read")
+
+
+def test_turns_of_one_instant_keep_their_order_though_the_second_waits_on_another_line(
+    tmp_path: Path,
+) -> None:
+    # the clock was held; the first one waits for this instant when the second comes to the line
+    rows: Rows = [
+        (1.0, "journal", "row", [1, "event", "grasped"], b""),
+        (2.0, "line", "turn", ["poll", "polling"], b""),
+        (2.0, "verbs", "turn", ["read", "reading"], b""),
+        (2.0, "line", "turn", ["read", "reading"], b""),
+    ]
+    tape = tape_of(tmp_path, rows)
+    seen: list[str] = []
+
+    async def work() -> None:
+        line, verbs = PlayedLine(tape, "line"), PlayedLine(tape, "verbs")
+        both = (reading(line, verbs, seen), polling(line, seen))
+        await asyncio.gather(*map(asyncio.ensure_future, both))
+
+    run(tape, work)
+    assert seen == ["poll", "read"]
+    assert tape.now_s == pytest.approx(2.0)
+
+
 def test_who_is_not_next_goes_on_once_the_next_one_is_overdue(tmp_path: Path) -> None:
     tape = tape_of(tmp_path, [(3.0, "line", "turn", ["never", "batch"], b"")])
 
@@ -150,16 +185,19 @@ def test_who_is_not_next_goes_on_once_the_next_one_is_overdue(tmp_path: Path) ->
     assert run(tape, work) == pytest.approx(3.0 + OVERDUE_S)
 
 
-def polled_once_more(stopped_s: float) -> Rows:
-    """Return a poll of a watcher on the arm's line, then a stop by the batch."""
-    return [
+def polled_once_more(at_rest_s: float) -> Rows:
+    """Return a poll of a watcher on the arm's line at 1.0 s, then a stop by the batch."""
+    rows: Rows = [
+        (at_rest_s, "journal", "row", [7, "event", "at_rest"], b""),
         (1.0, "arm", "turn", ["IP1 4C", "Watcher.run"], b""),
         (1.0, "arm", "sent", None, b"\x4c"),
         (1.01, "arm", "got", None, b"\x8e\xa0\x04"),
-        (stopped_s, "arm", "turn", ["stop 24", "batch"], b""),
-        (stopped_s, "arm", "sent", None, b"\x24"),
-        (stopped_s + 0.01, "arm", "got", None, b"\x00"),
+        (9.0, "arm", "turn", ["stop 24", "batch"], b""),
+        (9.0, "arm", "sent", None, b"\x24"),
+        (9.01, "arm", "got", None, b"\x00"),
+        (9.05, "journal", "row", [8, "event", "run_ended"], b""),
     ]
+    return sorted(rows, key=lambda row: row[0])
 
 
 def stopped_without_a_poll(tmp_path: Path, rows: Rows, request: bytes = b"\x24") -> Tape:
@@ -177,26 +215,26 @@ def stopped_without_a_poll(tmp_path: Path, rows: Rows, request: bytes = b"\x24")
         await line.turn("stop 24")
         transport.write(request)
         assert await transport.read(1.0) == b"\x00"
-        assert tape.now_s == pytest.approx(rows[-1][0])
+        assert tape.now_s == pytest.approx(9.01)
 
     with suppress(UnpluggedError):
         run(tape, stop)
     return tape
 
 
-def test_a_poll_of_the_last_moments_may_be_missing(tmp_path: Path) -> None:
-    tape = stopped_without_a_poll(tmp_path, polled_once_more(stopped_s=2.0))
+def test_a_poll_of_a_run_at_rest_may_be_missing(tmp_path: Path) -> None:
+    tape = stopped_without_a_poll(tmp_path, polled_once_more(at_rest_s=0.5))
     assert (tape.difference, tape.request_count) == (None, 1)
 
 
 def test_a_poll_before_that_may_not(tmp_path: Path) -> None:
-    tape = stopped_without_a_poll(tmp_path, polled_once_more(stopped_s=4.0))
+    tape = stopped_without_a_poll(tmp_path, polled_once_more(at_rest_s=1.5))
     assert tape.difference is not None
     assert (tape.difference.at_s, tape.difference.recorded) == (1.0, b"\x4c")
 
 
-def test_another_request_of_the_last_moments_is_a_difference(tmp_path: Path) -> None:
-    tape = stopped_without_a_poll(tmp_path, polled_once_more(stopped_s=2.0), request=b"\x25")
+def test_another_request_of_a_run_at_rest_is_a_difference(tmp_path: Path) -> None:
+    tape = stopped_without_a_poll(tmp_path, polled_once_more(at_rest_s=0.5), request=b"\x25")
     assert tape.difference is not None
     assert (tape.difference.recorded, tape.difference.sent) == (b"\x24", b"\x25")
 
