@@ -25,8 +25,8 @@ from controller.cell.devices.emulator import (
     emulator_command,
 )
 from controller.cell.devices.interlocks import REQUIRED_SIGNALS, check_interlocks, settled_signal
-from controller.cell.devices.lock import CellBusyError, hold_cell
 from controller.cell.errors import InterlockError
+from controller.cell.lock import CellBusyError, hold_cell
 from controller.cell.plans import PlanCache
 from controller.cell.services import CameraName, Imaging
 from controller.config import EMULATED_CELL, SHIPPED, Cell, ConfigError, load_cell, load_recipe

@@ -19,7 +19,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from controller.cell.devices.lock import LOCK_NAME, Holder, read_holder
+from controller.cell.lock import LOCK_NAME, Holder, read_holder
 from controller.config import ConfigError
 from controller.config.files import write_whole
 from messages import say

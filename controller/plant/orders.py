@@ -16,13 +16,13 @@ from weakref import WeakSet
 from pydantic import ValidationError
 
 from controller.cell.control import StandingReply
-from controller.cell.devices.lock import LOCK_NAME, read_holder
 from controller.cell.journal import (
     JOURNAL_NAME,
     JournalError,
     read_rows_named,
     rows,
 )
+from controller.cell.lock import LOCK_NAME, read_holder
 from controller.launching import CountedRecipe, Launcher, LaunchRefusedError, RunRequest
 
 from .model import Disposition, OrderRequest, OrderState, OrderWord

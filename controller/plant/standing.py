@@ -16,12 +16,12 @@ from controller.cell.control import (
     StatusReply,
     standing_of,
 )
-from controller.cell.devices.lock import LOCK_NAME, read_holder
 from controller.cell.journal import (
     JOURNAL_NAME,
     JournalError,
     journal_mark,
 )
+from controller.cell.lock import LOCK_NAME, read_holder
 
 from .model import CellState, Packml, Question
 from .tally import RunTally

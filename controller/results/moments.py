@@ -10,9 +10,7 @@ from controller.planning import (
     GiveStep,
     Grasp,
     Look,
-    Park,
     Pick,
-    Place,
     Plan,
     Present,
     ReceiveStep,
@@ -71,7 +69,7 @@ class Moment:
 
 
 def moments(plan: Plan, layout: CellLayout) -> tuple[Moment, ...]:
-    """Return a plan's moments in order; placing in the slowest tray and parking come last."""
+    """Return a plan's moments in order; placing a good part and parking come last."""
     return tuple(_moments(plan, layout))
 
 
@@ -140,7 +138,7 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
             )
         else:
             raise ValueError(f"no moment is known of a {type(step).__name__}")
-    place, park = slowest_tray(plan)
+    place, park = plan.if_good
     yield Moment(
         place,
         MomentKind.PLACE,
@@ -165,9 +163,3 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
 def view_count(plan: Plan) -> int:
     """Return the number of views of a plan, in the arm gripper or on the table."""
     return sum(isinstance(step, Present | Look) for step in plan.steps)
-
-
-def slowest_tray(plan: Plan) -> tuple[Place, Park]:
-    """Return the steps of placing in the slowest tray, which the forecast includes."""
-    tray = max(plan.place, key=lambda t: plan.place[t].seconds + plan.park[t].seconds)
-    return plan.place[tray], plan.park[tray]

@@ -52,7 +52,7 @@ class AxisFacts:
 
 
 FACTS: Final[dict[Axis, AxisFacts]] = {
-    Axis.ELBOW: AxisFacts(1, 0, 643.0, -2630.0, 2206.0, -2629),
+    Axis.ELBOW: AxisFacts(1, 0, 643.0, -2629.0, 2206.0, -2629),  # 5.2 rounds its stop to -2630
     Axis.SHOULDER: AxisFacts(1, 1, 672.0, -2630.0, 2630.0, 2630),
     Axis.ZED: AxisFacts(1, 2, 412.0, -3554.0, 0.0, 0, max_force=50),
     Axis.YAW: AxisFacts(1, 3, 1071.0, -math.inf, math.inf, -1947),
@@ -62,8 +62,10 @@ FACTS: Final[dict[Axis, AxisFacts]] = {
 }
 
 # Combined limits; umi_rtx.md 5.2
-YAW_TO_ELBOW_LIMIT_COUNTS: Final = 1071.0  # |Y - E/3|, the gripper against the forearm
 YAW_COUNTS_PER_ELBOW_COUNT: Final = 1.0 / 3.0
+# |Y - E/3|, the gripper against the forearm: at the stops of 4.2; 5.2 rounds it to 1071. A count of
+# elbow and two thirds of one of yaw put a part 0.4 mm nearer to a camera than the counters tell.
+YAW_TO_ELBOW_LIMIT_COUNTS: Final = 1947.0 - 2629.0 / 3.0
 PITCH_LIMITS_COUNTS: Final = (-2642.0, 108.0)  # W1 + W2
 ROLL_LIMITS_COUNTS: Final = (-3560.0, 4882.0)  # W1 - W2
 

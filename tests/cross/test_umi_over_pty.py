@@ -33,8 +33,7 @@ from emulators.umi_scara import ArmJoints
 
 # umi_rtx.md 4.1 step 7, §4.2: where homing ends, by the arm's own scale
 PARK = {axis: -18 if axis is Axis.ZED else 0 for axis in Axis}
-# one count of rounding at the elbow's stop (§4.2: -2629 for -2630), DEAD_BAND 2 (7), one of reading
-LABEL_TOLERANCE = 4
+LABEL_TOLERANCE = 3  # DEAD_BAND 2 (7), one of reading
 ARRIVAL_TOLERANCE = 4  # DEAD_BAND and the driver's slack of 2
 
 

@@ -26,8 +26,8 @@ from controller.cell.control import (
 )
 from controller.cell.control.serving import Control, Door, document, handle_for
 from controller.cell.custody import Custody
-from controller.cell.devices.lock import Holder, hold_cell
 from controller.cell.journal.rows import FirstMotion
+from controller.cell.lock import Holder, hold_cell
 from controller.cell.machine import Event, MachineDecision, PauseKind, SafePoint
 from controller.cell.operator import Choice, Desk, Question
 from controller.config import load_cell

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import pytest
 
-from controller.cell.devices.lock import CellBusyError, hold_cell, require_free_cell
 from controller.cell.journal import (
     Journal,
     JournalError,
@@ -25,6 +24,7 @@ from controller.cell.journal import (
     read_rows,
     rows,
 )
+from controller.cell.lock import CellBusyError, hold_cell, require_free_cell
 from controller.config import load_cell
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -314,7 +314,7 @@ def test_a_log_that_is_taken_away_from_a_killed_run_is_missed(path: Path) -> Non
 HOLDER = """
 import sys, time
 from pathlib import Path
-from controller.cell.devices.lock import hold_cell
+from controller.cell.lock import hold_cell
 from controller.config import load_cell
 
 with hold_cell(Path(sys.argv[1]), load_cell(Path(sys.argv[2])), "the-first"):

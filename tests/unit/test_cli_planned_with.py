@@ -18,7 +18,7 @@ from controller.cell import compute
 from controller.cell.compute import answers, context
 from controller.cell.compute.checks import Checked, check_job
 from controller.cell.control import socket_path
-from controller.cell.devices.lock import LOCK_NAME, read_holder
+from controller.cell.lock import LOCK_NAME, read_holder
 from controller.cell.plans import PlanCache
 from controller.cli import main
 from controller.cli.planning.plan_json import certificate_json, plan_json

@@ -41,8 +41,8 @@ from controller.cell.control.serving import (
 )
 from controller.cell.control.serving import server as server_module
 from controller.cell.custody import Custody
-from controller.cell.devices.lock import LOCK_NAME, Holder, hold_cell, read_holder
 from controller.cell.journal.rows import FirstMotion
+from controller.cell.lock import LOCK_NAME, Holder, hold_cell, read_holder
 from controller.cell.machine import Event, MachineDecision
 from controller.cell.operator import Answer, Choice, Desk, Question
 from controller.config import load_cell

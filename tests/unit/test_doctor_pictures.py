@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from controller.cell.devices.lock import hold_cell
+from controller.cell.lock import hold_cell
 from controller.cli import main
 from controller.cli.devices.doctor_pictures import LAMPS, take_pictures
 from controller.config import load_cell

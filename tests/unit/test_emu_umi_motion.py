@@ -17,6 +17,8 @@ NOMINAL = {
     Axis.WRIST1: 1400.0,
     Axis.WRIST2: 1400.0,
 }
+# umi_rtx.md 4.2: with the elbow at -2629 the hand's stop is at -1947; 5.2 rounds this to 1071
+HAND = 1947 - 2629 / 3
 MIDDLE = {
     Axis.ZED: -1500.0,
     Axis.SHOULDER: 0.0,
@@ -41,8 +43,8 @@ def test_a_cold_arm_stands_inside_all_its_stops_high_and_counts_from_zero(seed: 
     at = {axis: motor.position for axis, motor in model.axes.items()}
     assert -600 <= at[Axis.ZED] <= 0
     assert abs(at[Axis.SHOULDER]) < 2630
-    assert -2630 < at[Axis.ELBOW] < 2206
-    assert abs(at[Axis.YAW] - at[Axis.ELBOW] / 3) < 1071
+    assert -2629 < at[Axis.ELBOW] < 2206
+    assert abs(at[Axis.YAW] - at[Axis.ELBOW] / 3) < HAND
     assert -2642 < at[Axis.WRIST1] + at[Axis.WRIST2] < 108
     assert -3560 < at[Axis.WRIST1] - at[Axis.WRIST2] < 4882
     assert -30 < at[Axis.GRIPPER] < 1200
@@ -153,8 +155,8 @@ def test_power_given_back_moves_nothing() -> None:
         (Axis.SHOULDER, -1, -2630.0),
         (Axis.GRIPPER, -1, -30.0),
         (Axis.GRIPPER, +1, 1200.0),
-        (Axis.YAW, +1, 1071.0),
-        (Axis.YAW, -1, -1071.0),
+        (Axis.YAW, +1, HAND),
+        (Axis.YAW, -1, -HAND),
         (Axis.WRIST1, +1, 108.0 + 500.0),  # W1 + W2 = 108
         (Axis.WRIST1, -1, -2642.0 + 500.0),
     ],
@@ -178,15 +180,15 @@ def test_a_manual_drive_stalls_at_the_stop_and_says_so(
 
 
 def test_the_elbow_with_a_limp_yaw_turns_to_its_own_stops_and_drags_the_hand() -> None:
-    for direction, stop in ((-1, -2630.0), (+1, 2206.0)):
+    for direction, stop in ((-1, -2629.0), (+1, 2206.0)):
         line = line_in_the_middle()
-        line.model.place({Axis.YAW: 1071.0 * -direction})
+        line.model.place({Axis.YAW: HAND * -direction})
         line.model.reference()
         line.write(Axis.YAW, 10, 0)
         line.drive({Axis.ELBOW: direction})
         line.wait_for(3, 1, Axis.ELBOW)
         assert line.true(Axis.ELBOW) == stop
-        assert abs(line.true(Axis.YAW) - stop / 3) <= 1071.0 + 1e-6
+        assert abs(line.true(Axis.YAW) - stop / 3) <= HAND + 1e-6
 
 
 def test_the_elbow_with_a_held_yaw_stops_where_the_hand_meets_its_stop() -> None:
@@ -195,8 +197,7 @@ def test_the_elbow_with_a_held_yaw_stops_where_the_hand_meets_its_stop() -> None
     line.model.reference()
     line.drive({Axis.ELBOW: +1})
     line.wait_for(3, 1, Axis.ELBOW)
-    # -800 - E/3 = -1071
-    assert line.true(Axis.ELBOW) == pytest.approx(813.0)
+    assert line.true(Axis.ELBOW) == pytest.approx(3 * (HAND - 800.0))
     assert line.true(Axis.YAW) == -800.0
 
 

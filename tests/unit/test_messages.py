@@ -22,9 +22,8 @@ from pydantic import BaseModel
 
 from controller.cell.alarms import ALARMS
 from controller.cell.control.words import DecisionReply, reply_bytes, reply_of
-from controller.cell.custody import Custody, GripperName, Held, where_it_is
+from controller.cell.custody import Custody, GripperName, Held, known_words, where_it_is
 from controller.cell.custody.openings import Occupancy
-from controller.cell.custody.start_check import known_words
 from controller.cell.devices.interlocks import REQUIRED_SIGNALS
 from controller.cell.journal import JOURNAL_NAME, Journal, Once, read_row, read_rows
 from controller.cell.journal.rows import PartJudged, StepDone

@@ -21,8 +21,8 @@ pytest.importorskip("httpx2", reason="starlette's client for tests needs it")
 from page_bench import CELL, HERE, RUN, Bench, bench, journal
 
 from controller.bring_up.procedure import StepEnd, StepRecord, cell_digest
-from controller.cell.devices.lock import hold_cell
 from controller.cell.journal import JOURNAL_NAME, rows
+from controller.cell.lock import hold_cell
 from controller.config import SHIPPED, Cell, load_cell, load_yaml
 from controller.config.calibrations import TraysCalibration, write_calibration
 from controller.page import cell as cell_screen

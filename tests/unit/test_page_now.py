@@ -32,8 +32,8 @@ from controller.cell.control import (
     left_in_grippers,
 )
 from controller.cell.custody import Custody
-from controller.cell.devices.lock import hold_cell
 from controller.cell.journal import JOURNAL_NAME, newest_run, read_rows, read_rows_after, rows
+from controller.cell.lock import hold_cell
 from controller.cell.machine import PAUSE_EVENTS, Event
 from controller.cell.operator.questions import LOOK, OUT, STOP
 from controller.config import load_cell

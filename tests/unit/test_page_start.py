@@ -22,7 +22,7 @@ from page_bench import CELL, ORIGIN, Bench, bench
 from pydantic import ValidationError
 
 from controller.cell.control import socket_path
-from controller.cell.devices.lock import hold_cell
+from controller.cell.lock import hold_cell
 from controller.config import load_cell
 from controller.launching import LAST_NAME, LOG_FOLDER, Launcher, LaunchRefusedError, RunRequest
 from controller.page.frame.screens import RequestRefusedError

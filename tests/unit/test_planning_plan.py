@@ -180,6 +180,7 @@ def test_one_hand_off_shows_more_than_95_percent_within_200_seconds(plan: Plan) 
     assert plan.covered_fraction > 0.95
     assert plan.forecast_s < 200.0
     assert plan.forecast_s == pytest.approx(sum(s for _, s in plan.seconds_by_step))
+    assert plan.seconds_by_step[-2][0] == "place in tray accept"
 
 
 def test_seen_and_unseen_add_up_to_the_whole_surface(plan: Plan) -> None:

@@ -15,7 +15,7 @@ from results_bench import CELL, RunWriter
 
 from controller.cell.batch import Papers
 from controller.cell.control import StandingReply, socket_path, standing_of
-from controller.cell.devices.lock import hold_cell
+from controller.cell.lock import hold_cell
 from controller.config import load_cell
 from controller.launching import Launcher
 from controller.plant.model import OrderRequest

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from messages import key, say
 
-from ..devices.lock import LOCK_NAME, Holder, read_holder
+from ..lock import LOCK_NAME, Holder, read_holder
 from .peer import peer_of
 from .place import ControlError
 from .words import DecisionReply, ErrorReply, SomeReply, StatusReply, reply_of

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from messages import say
 
-from ..devices.lock import LOCK_NAME
 from ..errors import CellError
+from ..lock import LOCK_NAME
 
 
 class ControlError(CellError):

@@ -10,10 +10,9 @@ from pydantic import BaseModel, ConfigDict
 
 from messages import joined, say
 
-from ..custody import CellIdentity, Held, custody_of, fold_custody, read_folded
-from ..custody.start_check import known_words
-from ..devices.lock import LOCK_NAME, read_holder
+from ..custody import CellIdentity, Held, custody_of, fold_custody, known_words, read_folded
 from ..journal import JOURNAL_NAME, newest_run, rows, rows_of_parts
+from ..lock import LOCK_NAME, read_holder
 from ..operator import fold_latch
 from .words import HolderReply
 

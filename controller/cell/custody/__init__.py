@@ -13,6 +13,7 @@ from .fold import (
     Held,
     custody_of,
     fold_custody,
+    known_words,
     read_folded,
     where_it_is,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "TrayRecord",
     "custody_of",
     "fold_custody",
+    "known_words",
     "left_in_trays",
     "next_nest",
     "read_folded",

@@ -7,6 +7,7 @@ that a start knows of parts that an earlier run left in a gripper, however that 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import Final
@@ -228,6 +229,22 @@ def _held(gripper: GripperName, custody: Custody, row: Row, detail: str) -> Held
 def custody_of(known: Sequence[Held]) -> Custody:
     """Return the part's custody, by what the journals say of the grippers; NONE for nothing."""
     return known[0].custody if known else Custody.NONE
+
+
+def known_words(one: Held) -> str:
+    """Return in words the journal's record of a gripper: its part, of which run, since when."""
+    part = say("part {part} of ", part=one.part) if one.part else ""
+    since = f"{datetime.fromisoformat(one.since):%Y-%m-%d %H:%M:%S}"
+    detail = say(" ({detail})", detail=one.detail) if one.detail else ""
+    what = key("its position is unknown") if one.custody is Custody.UNKNOWN else one.custody.value
+    return say(
+        "{part}run {run}, {what}{detail} since {since} UTC",
+        part=part,
+        run=one.run,
+        what=what,
+        detail=detail,
+        since=since,
+    )
 
 
 def where_it_is(custody: Custody, detail: str = "") -> str:

@@ -22,7 +22,6 @@ from typing import Any, Final
 
 from messages import key, say
 
-from ..devices.lock import state_dir
 from ..errors import CellError
 from ..journal import (
     HOST_STAMPS,
@@ -42,6 +41,7 @@ from ..journal import (
     row_at,
 )
 from ..journal.rows import JournalNotReadable, RunBegan
+from ..lock import state_dir
 from .fold import CellIdentity, read_folded
 
 FOLDER: Final = "journals"

@@ -6,14 +6,13 @@ the operator's statement.
 """
 
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
-from datetime import datetime
 from typing import Final, NoReturn
 
 from messages import joined, key, say
 
 from ..errors import CellError
 from ..journal import Journal, rows
-from .fold import Custody, GripperName, Held, custody_of
+from .fold import Custody, GripperName, Held, custody_of, known_words
 from .openings import Occupancy, Opening
 
 Press = Callable[[], Awaitable[bool]]
@@ -171,20 +170,4 @@ def _refusal(
         on=on,
         opens=opens,
         again=again,
-    )
-
-
-def known_words(one: Held) -> str:
-    """Return in words the journal's record of a gripper: its part, of which run, since when."""
-    part = say("part {part} of ", part=one.part) if one.part else ""
-    since = f"{datetime.fromisoformat(one.since):%Y-%m-%d %H:%M:%S}"
-    detail = say(" ({detail})", detail=one.detail) if one.detail else ""
-    what = key("its position is unknown") if one.custody is Custody.UNKNOWN else one.custody.value
-    return say(
-        "{part}run {run}, {what}{detail} since {since} UTC",
-        part=part,
-        run=one.run,
-        what=what,
-        detail=detail,
-        since=since,
     )

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from controller.cell.control import MAX_WHO, MAX_WHY, AckOrder, NoRunError, RunningCell
 from controller.cell.custody.known_journals import open_noted_journal
-from controller.cell.devices.lock import hold_cell
 from controller.cell.journal import JOURNAL_NAME
+from controller.cell.lock import hold_cell
 from controller.cell.operator import acknowledge, fold_latch
 from controller.config import ConfigError, load_cell
 

@@ -16,8 +16,8 @@ from controller.cell.devices import Devices, resolve
 from controller.cell.devices.clocks import devices_with_time, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_command
 from controller.cell.devices.interlocks import REQUIRED_SIGNALS, settled_signal
-from controller.cell.devices.lock import hold_cell
 from controller.cell.journal import JOURNAL_NAME, why_not_there
+from controller.cell.lock import hold_cell
 from controller.config import Cell, ConfigError, load_cell
 from controller.setup.drivers import KIND_OF, find_driver, require_drivers
 from drivers.errors import DeviceError

@@ -10,8 +10,8 @@ from pathlib import Path
 from controller.cell.batch import Dispatcher
 from controller.cell.control import MAX_WHY, make_folder
 from controller.cell.control.serving import STOPS, Control, handle_for, serving
-from controller.cell.devices.lock import Holder
 from controller.cell.devices.supervision import CallerPrograms
+from controller.cell.lock import Holder
 from controller.cell.operator import Answer, Desk, OpenQuestion, Operator, Question
 
 from ..terminal.output import emit, warn

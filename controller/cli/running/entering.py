@@ -14,7 +14,7 @@ from typing import Any
 from controller.cell.control import socket_path
 from controller.cell.devices.clocks import FoundClock, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
-from controller.cell.devices.lock import Holder, hold_cell, require_free_cell
+from controller.cell.lock import Holder, hold_cell, require_free_cell
 from controller.config import Cell, ConfigError
 
 from ..devices.doctor_checks import machine_checks

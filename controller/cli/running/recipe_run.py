@@ -33,7 +33,7 @@ from controller.cell.compute.checks import check_plans, check_sizes
 from controller.cell.control import socket_path
 from controller.cell.devices.clocks import FoundClock, devices_with_time, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
-from controller.cell.devices.lock import hold_cell, require_free_cell
+from controller.cell.lock import hold_cell, require_free_cell
 from controller.cell.operator import Operator
 from controller.config import Cell, ConfigError, load_cell
 from controller.processes import worker_pool

@@ -7,12 +7,11 @@ from pathlib import Path
 from controller.cell.batch import find_proposal
 from controller.cell.compute import Job
 from controller.cell.compute.answers import homing_swept, proven_back
-from controller.cell.custody import GripperName
+from controller.cell.custody import GripperName, known_words
 from controller.cell.custody.openings import Occupancy
 from controller.cell.custody.releasing import GripperStanding, ReleaseVisit
-from controller.cell.custody.start_check import known_words
 from controller.cell.devices.clocks import find_clock
-from controller.cell.devices.lock import hold_cell
+from controller.cell.lock import hold_cell
 from controller.cell.recovery import Beside, HomingBounds, Interrupted, Proposal
 from controller.config import Cell, ConfigError, load_cell
 from controller.planning.motion import ProvenMove, Swept

@@ -10,7 +10,7 @@ from typing import Any, Final
 from pydantic import Field
 from starlette.responses import Response
 
-from controller.cell.devices.lock import LOCK_NAME, read_holder
+from controller.cell.lock import LOCK_NAME, read_holder
 from controller.config import ConfigError, load_cell
 from controller.config.files import file_within
 from messages import say

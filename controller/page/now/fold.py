@@ -19,7 +19,7 @@ DONE_COUNT: Final = 50
 # Largest number of points of a predicted outline.
 OUTLINE_POINT_COUNT: Final = 240
 
-# A plan forecasts its slowest tray; the row of the finished step has the actual one.
+# A plan is forecast for a good part; the row of the finished step has the actual tray.
 PLACE: Final = "place in tray"
 # what was answered, by its choice; any other is named as it is, such as a serial number
 ANSWERED: Final = {

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from controller.cell.custody import Held, custody_of
-from controller.cell.custody.start_check import known_words
+from controller.cell.custody import Held, custody_of, known_words
 from controller.cell.journal import read_rows_after
 
 from .fold import RunFold

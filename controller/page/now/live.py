@@ -29,7 +29,6 @@ from controller.cell.control import (
     left_in_grippers,
 )
 from controller.cell.custody import Held
-from controller.cell.devices.lock import Holder
 from controller.cell.journal import (
     JOURNAL_NAME,
     JournalError,
@@ -37,6 +36,7 @@ from controller.cell.journal import (
     newest_run,
     read_rows_after,
 )
+from controller.cell.lock import Holder
 from messages import say
 from messages.words import LANGUAGES, words_in
 

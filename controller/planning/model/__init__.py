@@ -24,6 +24,7 @@ from .plan import (
     SetDown,
     Step,
     Unseen,
+    good_part_steps,
     lit_count,
 )
 from .prepared import FaceToShowAgain, HandOff, PlanOptions, PreparedPart, Rest, of_faces
@@ -82,6 +83,7 @@ __all__ = [
     "Tray",
     "Unseen",
     "VisibilityTable",
+    "good_part_steps",
     "lit_count",
     "of_faces",
 ]

@@ -214,6 +214,7 @@ class CellLayout:
     fixed_held : mm and rad, by how much the fixed gripper may stand elsewhere along its pads and
         turned in their plane, where a calibration measured that plane alone
     neighbours : other objects on the table, beside the planned part
+    trays : by their names, that of good parts first
     stored : parts that stand in the trays now
     """
 

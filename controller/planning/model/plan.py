@@ -248,6 +248,17 @@ class Proof:
         return self.gap < 1e-9
 
 
+def good_part_steps(place: Mapping[str, Place], park: Mapping[str, Park]) -> tuple[Place, Park]:
+    """Return the steps into the tray of good parts, which a layout names first, and home.
+
+    Parameters
+    ----------
+    place, park : by the tray's name
+    """
+    good = next(iter(place))
+    return place[good], park[good]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
     """The steps of one part through the cell.
@@ -256,7 +267,7 @@ class Plan:
     ----------
     steps : in order, up to where the verdict is known
     place, park : per tray, what comes then
-    forecast_s : all steps and the slowest tray
+    forecast_s : all steps, and those of a good part's tray
     covered_fraction : share of the surface in sight at least once
     covered_U : expanded uncertainty (k = 2) of that share, from how far apart its points are
     reachable_fraction : share that any grasp and any view of this cell could inspect, regrasps
@@ -276,10 +287,13 @@ class Plan:
 
     @property
     def seconds_by_step(self) -> tuple[tuple[str, float], ...]:
-        """The forecast step by step, the slowest tray last."""
-        last = max(self.place, key=lambda t: self.place[t].seconds + self.park[t].seconds)
-        steps = (*self.steps, self.place[last], self.park[last])
-        return tuple((s.label, s.seconds) for s in steps)
+        """The forecast step by step, the tray of a good part last."""
+        return tuple((s.label, s.seconds) for s in (*self.steps, *self.if_good))
+
+    @property
+    def if_good(self) -> tuple[Place, Park]:
+        """The steps of a good part once all is seen, by which the plan is forecast."""
+        return good_part_steps(self.place, self.park)
 
     @property
     def presents(self) -> tuple[Present, ...]:

@@ -31,6 +31,7 @@ from ..model import (
     PreparedPart,
     Proof,
     Start,
+    good_part_steps,
 )
 from ..regrasps import PickPath
 from ..search import COARSE, FULL, GraspSequence, Problem, refuted, solve
@@ -320,7 +321,6 @@ class _SolutionBuilder:
             if site.fixed_grasp_index >= 0:
                 used.append(part.fixed_grasps[site.fixed_grasp_index])
         trays, home = builder.sort(build, solution.grasps[-1])
-        slowest = max(trays[t].seconds + home[t].seconds for t in trays)
         able = part.covered.any(axis=0) | task.seen
         steps, seen = count_shown(part, layout, build.steps, task.before)
         reachable = counted_as(part, able, seen)
@@ -328,7 +328,7 @@ class _SolutionBuilder:
             steps=steps,
             place=trays,
             park=home,
-            forecast_s=sum(s.seconds for s in build.steps) + slowest,
+            forecast_s=sum(s.seconds for s in (*build.steps, *good_part_steps(trays, home))),
             covered_fraction=share_of(part.counted_samples, seen),
             covered_U=uncertainty_of(part.counted_samples, seen),
             reachable_fraction=share_of(part.counted_samples, reachable),

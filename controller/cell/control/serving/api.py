@@ -11,8 +11,8 @@ from pydantic import BaseModel
 
 from controller.cell.batch import CellStatus, Dispatcher
 from controller.cell.custody import Custody
-from controller.cell.devices.lock import Holder
 from controller.cell.journal.rows import FirstMotion
+from controller.cell.lock import Holder
 from controller.cell.machine import PAUSE_EVENTS, Event, MachineDecision, PauseKind
 from controller.cell.operator import Answer, Desk
 from messages import say

@@ -11,7 +11,7 @@ from typing import Any, Final
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
-from controller.cell.devices.lock import LOCK_NAME
+from controller.cell.lock import LOCK_NAME
 
 from ..words import ErrorReply
 from .api import ENDPOINTS, Endpoint

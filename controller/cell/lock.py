@@ -22,8 +22,8 @@ from typing import Final
 from controller.config import EMULATED, Cell
 from messages import key, say
 
-from ..errors import CellError
-from ..journal import JournalError
+from .errors import CellError
+from .journal import JournalError
 
 LOCK_NAME: Final = "cell.lock"
 
