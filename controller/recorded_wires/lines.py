@@ -2,9 +2,9 @@
 
 A caller gets its turn in the recorded order and at the recorded instant. A caller that is not the
 next one waits: in the recorded run it was overtaken. If the next one has not come `OVERDUE_S` after
-its instant, it never will, and the waiting caller continues: its bytes show the difference. Once a
-run is at rest polls may be missing: until all devices are given up they are asked more or less
-often.
+its instant, it never will, and the waiting caller continues: its bytes show the difference. After
+the last outcome of a run polls may be missing: devices are asked more or less often until they are
+given up.
 """
 
 import asyncio
@@ -27,7 +27,6 @@ PROMPT_S: Final = 0.12  # longest time of a reply that was in time: the arm's ti
 RENAMED_S: Final = 0.02  # wait for a sender that has been renamed since the recording
 OVERDUE_S: Final = 0.2  # in cell time; a recorded loop was never late by this much
 ENDED: Final = "the recording has ended"
-LAST_ROW: Final = "run_ended"  # of the journal, written when all devices have been given up
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +73,7 @@ class Tape:
     difference : the first one, None while there is none
     request_count : requests that were the recorded ones
     callers : names who wants a line
-    at_rest_s : instant from which devices were only polled, until they were given up [cell s]
+    last_outcome_s : end of the last thing done; devices were only polled and stopped then [cell s]
     has_run_out : a recording that is not whole has been played to its end
     """
 
@@ -86,8 +85,8 @@ class Tape:
         self.request_count = 0
         self.has_run_out = False
         self.callers = LineCallers()
-        told = (row.at_s for row in reversed(reader.rows) if _is_of_the_run(row))
-        self.at_rest_s = next(told, inf)
+        outcomes = (row.at_s for row in reversed(reader.rows) if _is_outcome(row))
+        self.last_outcome_s = next(outcomes, inf)
 
     @property
     def now_s(self) -> float:
@@ -152,8 +151,8 @@ class Tape:
         return None if last is None else (int(last[0]), str(last[1]), str(last[2]))
 
 
-def _is_of_the_run(row: WireRow) -> bool:
-    return row.wire == "journal" and row.info[2] != LAST_ROW
+def _is_outcome(row: WireRow) -> bool:
+    return bool(row.wire == "journal" and row.info[1] == "outcome")
 
 
 class PlayedLine:
@@ -182,10 +181,10 @@ class PlayedLine:
     def left_count(self) -> int:
         """Recorded requests the replay never sent.
 
-        Those of a run at rest do not count: one that ends a little earlier asks less often whether
-        a device is still there.
+        Those after its last outcome do not count: a run that ends a little earlier asks less often
+        whether a device is still there.
         """
-        until_s = self._tape.at_rest_s
+        until_s = self._tape.last_outcome_s
         rows = [row for row in self._rows[self._place :] if row.kind in ("sent", "got")]
         return sum(
             a.kind == "sent" and b.kind == "got" and a.at_s < until_s for a, b in pairwise(rows)
@@ -245,13 +244,13 @@ class PlayedLine:
         return bool(due.info == [what, self._tape.callers.name()])
 
     def _pass_last_polls(self, what: str) -> WireRow | None:
-        """Go on at a caller's own turn, past turns of others in a run at rest.
+        """Go on at a caller's own turn, past turns of others after the last outcome.
 
         Return that turn, None if there is none. A busy machine polled a device once more between
         the end of the last part and the stop; those who polled have ended here.
         """
         for count, row in enumerate(self._turns[self._turn_count :], start=self._turn_count + 1):
-            if row.at_s < self._tape.at_rest_s:
+            if row.at_s < self._tape.last_outcome_s:
                 return None
             if self._is_due(row, what):
                 self._turn_count = count

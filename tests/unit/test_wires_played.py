@@ -185,10 +185,10 @@ def test_who_is_not_next_goes_on_once_the_next_one_is_overdue(tmp_path: Path) ->
     assert run(tape, work) == pytest.approx(3.0 + OVERDUE_S)
 
 
-def polled_once_more(at_rest_s: float) -> Rows:
+def polled_once_more(done_s: float) -> Rows:
     """Return a poll of a watcher on the arm's line at 1.0 s, then a stop by the batch."""
     rows: Rows = [
-        (at_rest_s, "journal", "row", [7, "event", "at_rest"], b""),
+        (done_s, "journal", "row", [7, "outcome", "part_done"], b""),
         (1.0, "arm", "turn", ["IP1 4C", "Watcher.run"], b""),
         (1.0, "arm", "sent", None, b"\x4c"),
         (1.01, "arm", "got", None, b"\x8e\xa0\x04"),
@@ -222,19 +222,19 @@ def stopped_without_a_poll(tmp_path: Path, rows: Rows, request: bytes = b"\x24")
     return tape
 
 
-def test_a_poll_of_a_run_at_rest_may_be_missing(tmp_path: Path) -> None:
-    tape = stopped_without_a_poll(tmp_path, polled_once_more(at_rest_s=0.5))
+def test_a_poll_after_the_last_outcome_may_be_missing(tmp_path: Path) -> None:
+    tape = stopped_without_a_poll(tmp_path, polled_once_more(done_s=0.5))
     assert (tape.difference, tape.request_count) == (None, 1)
 
 
 def test_a_poll_before_that_may_not(tmp_path: Path) -> None:
-    tape = stopped_without_a_poll(tmp_path, polled_once_more(at_rest_s=1.5))
+    tape = stopped_without_a_poll(tmp_path, polled_once_more(done_s=1.5))
     assert tape.difference is not None
     assert (tape.difference.at_s, tape.difference.recorded) == (1.0, b"\x4c")
 
 
-def test_another_request_of_a_run_at_rest_is_a_difference(tmp_path: Path) -> None:
-    tape = stopped_without_a_poll(tmp_path, polled_once_more(at_rest_s=0.5), request=b"\x25")
+def test_another_request_after_it_is_a_difference(tmp_path: Path) -> None:
+    tape = stopped_without_a_poll(tmp_path, polled_once_more(done_s=0.5), request=b"\x25")
     assert tape.difference is not None
     assert (tape.difference.recorded, tape.difference.sent) == (b"\x24", b"\x25")
 
