@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import partial
-from typing import Any, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
 from controller.cell.batch import Outfit, RunOrder, input_files
 from controller.cell.compute import Compute, Job
@@ -16,6 +16,8 @@ from controller.setup.software import software_versions
 from drivers.clock import CellClock
 from drivers.wire_file import WireWriter
 from drivers.wires import CameraTap, LineTap, Taken
+
+ARM: Final = "arm"  # wire of its line
 
 Opened = TypeVar("Opened")
 Address = TypeVar("Address")
@@ -32,10 +34,12 @@ class Recorder:
     Attributes
     ----------
     callers : names who wants a line
+    has_arm : the arm's driver keeps its bytes here; without them nothing can be replayed
     """
 
     def __init__(self, writer: WireWriter) -> None:
         self.writer = writer
+        self.has_arm = False
         self._clock: CellClock | None = None
         self._last_s = 0.0
         self.callers = LineCallers()
@@ -111,6 +115,7 @@ class Recorder:
 
     def line(self, name: str) -> LineTap | None:
         """Return the tap of a serial line."""
+        self.has_arm |= name == ARM
         return _LineTap(self, name)
 
     def modbus(self, address: Address) -> tuple[Address, LineTap | None]:

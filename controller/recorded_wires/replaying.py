@@ -28,7 +28,7 @@ from drivers.wires import CameraTap, LineTap
 from .cameras import AtOnce, PlayedCamera
 from .lines import Difference, PlayedLine, Tape
 from .loop import WireLoop
-from .recording import question_of
+from .recording import ARM, question_of
 
 Result = TypeVar("Result")
 
@@ -127,10 +127,14 @@ def replay_wires(
 
     Raises
     ------
-    WireFileError : the recording ends before any device was opened
+    WireFileError : the recording ends before any device was opened, or holds nothing of the arm
     ConfigError : a file is wrong
     """
     began, devices = _row(reader, "begin").info, _row(reader, "devices")
+    if not any(row.wire == ARM for row in reader.rows):
+        raise WireFileError(
+            f"{reader.path}: holds nothing of the arm; docs/wires.md lists what is not recorded"
+        )
     speed = float(devices.info["speed"])
     loop = WireLoop(devices.at_s / speed)
     tape = Tape(reader, loop, speed)

@@ -6,13 +6,14 @@ The Modbus frames are the standard's own example (V1.1b3, 6.3): registers 0x6B t
 import asyncio
 import errno
 from collections.abc import Callable, Coroutine
+from concurrent.futures import Executor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from controller.recorded_wires import WireReader, WireWriter
+from controller.recorded_wires import WireFileError, WireReader, WireWriter, replay_wires
 from controller.recorded_wires.cameras import PlayedCamera
 from controller.recorded_wires.lines import OVERDUE_S, PlayedLine, Tape
 from controller.recorded_wires.loop import WireLoop
@@ -237,6 +238,17 @@ def test_another_request_after_it_is_a_difference(tmp_path: Path) -> None:
     tape = stopped_without_a_poll(tmp_path, polled_once_more(done_s=0.5), request=b"\x25")
     assert tape.difference is not None
     assert (tape.difference.recorded, tape.difference.sent) == (b"\x24", b"\x25")
+
+
+def test_a_recording_without_the_arm_is_not_played(tmp_path: Path) -> None:
+    rows: Rows = [
+        (0.0, "run", "begin", {}, b""),
+        (1.0, "run", "devices", {"speed": 1.0, "late_s": 0.0}, b""),
+        (1.0, "arm verbs", "turn", ["connect", "batch"], b""),
+    ]
+    reader = tape_of(tmp_path, rows).reader
+    with pytest.raises(WireFileError, match="holds nothing of the arm"):
+        replay_wires(reader, Path(), Path(), Executor())
 
 
 def frames() -> Rows:

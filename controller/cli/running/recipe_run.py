@@ -361,6 +361,8 @@ def _recorded(path: Path | None, order: RunOrder) -> Iterator[Outfit]:
         yield recorder.outfit()
     finally:
         recorder.close()
+        if not recorder.has_arm:
+            warn(f"{path}: holds nothing of the arm, so that it cannot be replayed (docs/wires.md)")
         if recorder.writer.problem:
             warn(f"{path}: the recording ends early: {recorder.writer.problem}")
 
