@@ -7,7 +7,7 @@ import asyncio
 import errno
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -246,8 +246,12 @@ def test_a_recording_without_the_arm_is_not_played(tmp_path: Path) -> None:
         (1.0, "run", "devices", {"speed": 1.0, "late_s": 0.0}, b""),
         (1.0, "arm verbs", "turn", ["connect", "batch"], b""),
     ]
-    reader = tape_of(tmp_path, rows).reader
-    with pytest.raises(WireFileError, match="holds nothing of the arm"):
+    tape = tape_of(tmp_path, rows)
+    tape.loop.close()
+    with (
+        closing(tape.reader) as reader,
+        pytest.raises(WireFileError, match="holds nothing of the arm"),
+    ):
         replay_wires(reader, Path(), Path(), Executor())
 
 
