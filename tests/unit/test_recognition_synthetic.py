@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 
 import cv2
@@ -132,6 +133,25 @@ def test_a_part_alone_is_named_and_placed_to_hundredths_of_a_millimetre(
     assert seen.score > 0.99
     assert seen.residual_px < 0.1
     assert {a.part for a in seen.ambiguous_with} <= {name}
+
+
+@pytest.mark.parametrize(
+    ("name", "centre", "radius"), [("plate", (18.0, 8.0), 3.0), ("nut", (0.0, 0.0), 6.0)]
+)
+def test_a_part_without_its_hole_is_unknown_and_the_place_of_the_hole_is_named(
+    name: str, centre: tuple[float, float], radius: float
+) -> None:
+    T = resting(solids()[name], poses(name)[0].R, 31.0, -17.0, 2.2)
+    filled = shapely.Polygon(shapely.get_exterior_ring(shape(name, T)))
+    (seen,) = look(picture([filled]))
+    assert seen.part is None
+    named = re.search(r"would be (\d+) mm about x (-?\d+), y (-?\d+) mm", seen.reason)
+    assert named, seen.reason
+    length, x, y = map(int, named.groups())
+    # without its hole the plate looks the same after half a turn
+    holes = transform(T, np.array([[*centre, 5.0], [-centre[0], -centre[1], 5.0]]))
+    assert np.hypot(*(holes[:, :2] - (x, y)).T).min() < 1.5
+    assert length == pytest.approx(2 * np.pi * radius, rel=0.15)
 
 
 def test_blur_and_noise_cost_little() -> None:

@@ -382,6 +382,28 @@ def _connected_mm(edges: ImageEdges, mm_per_px: float) -> float:
     return float(lengths.max()) * edges.every * mm_per_px
 
 
+def longest_missing(fit: EdgeFit) -> tuple[float, FloatArray] | None:
+    """Return the longest connected edge of the predicted outline that is not seen, None for none.
+
+    Parameters
+    ----------
+    fit : the fitted pose
+
+    Returns
+    -------
+    its length [mm], and its middle (3,), world
+    """
+    edges = fit.edges.at(fit.edges.on_outline & (fit.off_px > NEAR_PX))
+    count = len(edges.points_mm)
+    if count == 0:
+        return None
+    # an outline's samples lie high and low along the rim of one hole, and side by side in a picture
+    links = cKDTree(edges.pixels).query_pairs(LINK_PX, output_type="ndarray")
+    groups = components(count, links[:, 0], links[:, 1])
+    longest = groups == np.bincount(groups).argmax()
+    return float(longest.sum()) * edges.step_mm, edges.points_mm[longest].mean(axis=0)
+
+
 def shown_edges(
     edges: ModelEdgePoints,
     grey: GreyMeasure,

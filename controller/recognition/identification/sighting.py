@@ -9,7 +9,7 @@ from controller.arrays import FloatArray
 from controller.imaging import transform
 from messages import key, say
 
-from ..fitting import FreeTurn, twist
+from ..fitting import FreeTurn, longest_missing, twist
 from ..library import Candidate, Library, LibraryPart, place_of
 from ..segmentation import Region, Segmentation
 from .decide import Decision, has_other_inside
@@ -322,11 +322,23 @@ def why_not(decision: Decision, library: Library) -> str:
             name=name,
             unexplained_mm=h.evidence.unexplained_mm,
         )
-    return say(
+    nearest = say(
         "none of the known parts: nearest is {name}, of whose edges "
         "{outline_percent:.0f} % are in the picture and which explains "
         "{explained_percent:.0f} % of what is seen",
         name=name,
         outline_percent=100 * h.evidence.outline,
         explained_percent=100 * h.evidence.explained,
+    )
+    missing = longest_missing(h.fit)
+    if missing is None:
+        return nearest
+    length_mm, (x_mm, y_mm, _) = missing
+    return say(
+        "{nearest}; the longest edge that is not there would be {length_mm:.0f} mm about x "
+        "{x_mm:.0f}, y {y_mm:.0f} mm",
+        nearest=nearest,
+        length_mm=length_mm,
+        x_mm=float(x_mm),
+        y_mm=float(y_mm),
     )
