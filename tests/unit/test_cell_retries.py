@@ -15,7 +15,7 @@ from controller.cell.services import Imaging, Retries, fault_policy
 from controller.cell.services.records import BatchRecord, RunProgress
 from controller.config import FaultsSection
 from drivers.clock import CellClock
-from drivers.errors import BadReplyError, DeviceError, RefusedError, UnpluggedError
+from drivers.errors import BadReplyError, DeviceError, LinkError, RefusedError, UnpluggedError
 
 POLICY = fault_policy(
     FaultsSection.model_validate({"camera": [{"do": "retry", "times": 2}, {"do": "abort"}]})
@@ -121,7 +121,8 @@ async def test_a_camera_that_is_plugged_in_again_is_opened_and_gives_its_picture
 async def test_a_camera_that_stays_away_is_an_error_once_the_policy_ends(
     journal: Journal, tmp_path: Path
 ) -> None:
-    camera = Camera(*[GONE] * 9)
+    # what is asked for again under its name is not there: that is no other fault
+    camera = Camera(GONE, *[LinkError("camera: no such file")] * 9)
     imaging, _ = imaging_of(camera, journal, tmp_path)
     with pytest.raises(UnpluggedError, match="its node is gone"):
         await imaging.shoot("overhead", {"ring": 1.0})

@@ -11,7 +11,7 @@ from controller.cell.alarms import alarm_of
 from controller.cell.journal.rows import DeviceRetried
 from controller.cell.machine import Act, FaultPolicy, next_rung
 from drivers.clock import CellClock
-from drivers.errors import DeviceError, FaultError, LinkError, RefusedError
+from drivers.errors import DeviceError, FaultError, LinkError, RefusedError, UnpluggedError
 from messages import say
 
 from ..records import BatchRecord
@@ -58,26 +58,29 @@ class Retries:
 
         Raises
         ------
-        DeviceError : the last one, once the policy ends
+        DeviceError : the last one, once the policy ends; of a device that has left and could not be
+            connected again, that it has left
         """
         tried = 0
         is_mended = True
+        left: UnpluggedError | None = None
         while True:
             try:
                 if not is_mended and mend is not None:
                     await mend()
-                is_mended = True
+                is_mended, left = True, None
                 return await action()
             except PASSING as error:
-                await self._wait_or_raise(kind, name, error, tried)
+                left = error if isinstance(error, UnpluggedError) else left
+                if not await self._waits(kind, name, error, tried):
+                    raise left or error from None
                 tried, is_mended = tried + 1, False
 
-    async def _wait_or_raise(
-        self, kind: DeviceClass, name: str, error: DeviceError, tried: int
-    ) -> None:
+    async def _waits(self, kind: DeviceClass, name: str, error: DeviceError, tried: int) -> bool:
+        """Wait for the next try after an error; return False if the policy has none."""
         rung = next_rung(self._policy().ladders[kind], tried)
         if rung.act is not Act.RETRY:
-            raise error
+            return False
         self._record.note(
             DeviceRetried(
                 device=name,
@@ -89,3 +92,4 @@ class Retries:
         )
         self._record.show(say("{error}; trying again", error=error))
         await self._clock.sleep(rung.delay_s)
+        return True
