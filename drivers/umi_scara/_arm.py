@@ -414,10 +414,9 @@ class UmiScara:
         PositionLostError : not homed, or an IP has restarted
         """
         self._session.require_homed()
-        if self._session.is_moving:
-            counts = await self.axes.read_actuals(Axis)
-        else:
-            counts = await self._session.until_certain(lambda: self.positions.read(self.axes))
+        counts = await self._session.read(
+            lambda: self.positions.read(self.axes), lambda: self.axes.read_actuals(Axis)
+        )
         self._session.require_homed()  # another request may have found the position lost meanwhile
         return counts
 

@@ -63,12 +63,10 @@ class Jaws:
     async def read_opening_mm(self) -> float:
         """Return the present jaw opening [mm]; raises as `read_counts`."""
         self._session.require_homed()
-        if self._session.is_moving:
-            counts = await self._session.axes.read_actual(Axis.GRIPPER)
-        else:
-            counts = await self._session.until_certain(
-                lambda: self._session.axes.read_actual_twice(Axis.GRIPPER)
-            )
+        axes = self._session.axes
+        counts = await self._session.read(
+            lambda: axes.read_actual_twice(Axis.GRIPPER), lambda: axes.read_actual(Axis.GRIPPER)
+        )
         self._session.require_homed()
         return self._config.gripper.opening_mm(counts)
 

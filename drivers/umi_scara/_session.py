@@ -11,7 +11,13 @@ from dataclasses import dataclass
 from typing import Final, TypeVar
 
 from drivers.clock import CellClock
-from drivers.errors import DeviceError, LinkError, PositionLostError, SilentLineError
+from drivers.errors import (
+    BadReplyError,
+    DeviceError,
+    LinkError,
+    PositionLostError,
+    SilentLineError,
+)
 from drivers.kinds import Stop
 from drivers.tasks import run_to_end
 from drivers.wires import LineTap
@@ -99,7 +105,7 @@ class ArmSession:
         self._is_powered = False
         self._jaws_found = StatusBits(0)
         self.positions = Positions(self._lose_position)
-        self._stop_count = self._uncertain_count = 0
+        self._stop_count = self._uncertain_count = self._motion_count = 0
         self._one_motion = asyncio.Lock()
 
     # ---- connection ----------------------------------------------------------------------------
@@ -263,6 +269,29 @@ class ArmSession:
                 log.warning("begun again: %s", error)
         return await verb()
 
+    async def read(
+        self, at_rest: Callable[[], Awaitable[T]], in_motion: Callable[[], Awaitable[T]]
+    ) -> T:
+        """Return a reading of positions.
+
+        Parameters
+        ----------
+        at_rest : reads until two readings agree, as they do of an arm at rest
+        in_motion : reads once
+
+        Raises
+        ------
+        BadReplyError : readings of an arm at rest do not agree
+        """
+        motion_count = self._motion_count
+        if not self.is_moving:
+            try:
+                return await self.until_certain(at_rest)
+            except BadReplyError:
+                if self._motion_count == motion_count:
+                    raise
+        return await in_motion()
+
     @asynccontextmanager
     async def motion(self, *, needs_home: bool = True) -> AsyncIterator[Guard]:
         """Yield a guard and hold the arm for one motion; if that fails, both IPs are stopped.
@@ -287,6 +316,7 @@ class ArmSession:
                 )
 
         async with self._one_motion:
+            self._motion_count += 1
             uncertain_count = self._uncertain_count
             guard()
             if not self._is_powered:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.umi_scara import UmiScara, WireExchange, kinematics
+from drivers.umi_scara import Axis, UmiScara, WireExchange, kinematics
 from emulators.umi_scara import ArmModel, ArmWire
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
@@ -86,3 +86,12 @@ async def test_no_request_comes_too_early_from_opening_to_the_end_of_a_move() ->
     assert bench.true_counts() == pytest.approx(target, abs=4)
     assert len(bench.trace) > 500
     assert not [x for x in bench.trace if x.reply == b"\x0c"]  # §2.9: too early
+
+
+@pytest.mark.parametrize("axis", [Axis.SHOULDER, Axis.ZED, Axis.YAW])
+async def test_a_reading_that_a_motion_overtakes_is_one_of_an_arm_in_motion(axis: Axis) -> None:
+    bench = await Bench(listening=1).homed()
+    moving = asyncio.ensure_future(bench.arm.move_counts({axis: -900}))
+    # asked for before the motion has the arm: at 28 requests to some 10, it goes on in mid-motion
+    assert len(await bench.arm.read_counts()) == len(Axis)
+    assert (await moving)[axis] == pytest.approx(-900, abs=2)
