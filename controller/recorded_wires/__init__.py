@@ -8,7 +8,7 @@ recording's time. `replaying.py` runs a batch on these.
 from drivers.wire_file import WireFileError, WireReader, WireWriter
 
 from .lines import Difference
-from .recording import Recorder
+from .recording import Recorder, require_recorded
 from .replaying import Replayed, inputs_of, replay_wires
 
 __all__ = [
@@ -20,4 +20,5 @@ __all__ = [
     "WireWriter",
     "inputs_of",
     "replay_wires",
+    "require_recorded",
 ]

@@ -2,9 +2,9 @@
 
 A caller gets its turn in the recorded order and at the recorded instant. A caller that is not the
 next one waits: in the recorded run it was overtaken. If the next one has not come `OVERDUE_S` after
-its instant, it never will, and the waiting caller continues: its bytes show the difference. After
-the last outcome of a run polls may be missing: devices are asked more or less often until they are
-given up.
+its instant, it never will, and the waiting caller continues: its bytes show the difference. Once
+the last deed of a run is done polls may be missing: a busy machine asks devices more often until it
+gives them up.
 """
 
 import asyncio
@@ -73,7 +73,8 @@ class Tape:
     difference : the first one, None while there is none
     request_count : requests that were the recorded ones
     callers : names who wants a line
-    last_outcome_s : end of the last thing done; devices were only polled and stopped then [cell s]
+    done_s : end of the last motion or grip; after it devices were only polled, the lamps switched
+        off and everything stopped [cell s]
     has_run_out : a recording that is not whole has been played to its end
     """
 
@@ -85,8 +86,7 @@ class Tape:
         self.request_count = 0
         self.has_run_out = False
         self.callers = LineCallers()
-        outcomes = (row.at_s for row in reversed(reader.rows) if _is_outcome(row))
-        self.last_outcome_s = next(outcomes, inf)
+        self.done_s = _end_of_deeds_s(reader.rows)
 
     @property
     def now_s(self) -> float:
@@ -151,8 +151,16 @@ class Tape:
         return None if last is None else (int(last[0]), str(last[1]), str(last[2]))
 
 
-def _is_outcome(row: WireRow) -> bool:
-    return bool(row.wire == "journal" and row.info[1] == "outcome")
+def _end_of_deeds_s(rows: Sequence[WireRow]) -> float:
+    """Return the instant of the first outcome after the last intent; infinite for none."""
+    told = [row for row in rows if row.wire == "journal"]
+    intents = [k for k, row in enumerate(told) if row.info[1] == "intent"]
+    after = told[intents[-1] :] if intents else told
+    return next((row.at_s for row in after if row.info[1] == "outcome"), inf)
+
+
+def _index_of(row: WireRow, rows: Sequence[WireRow]) -> int:
+    return next(k for k, one in enumerate(rows) if one is row)
 
 
 class PlayedLine:
@@ -181,10 +189,10 @@ class PlayedLine:
     def left_count(self) -> int:
         """Recorded requests the replay never sent.
 
-        Those after its last outcome do not count: a run that ends a little earlier asks less often
+        Those after its last deed do not count: a run that ends a little earlier asks less often
         whether a device is still there.
         """
-        until_s = self._tape.last_outcome_s
+        until_s = self._tape.done_s
         rows = [row for row in self._rows[self._place :] if row.kind in ("sent", "got")]
         return sum(
             a.kind == "sent" and b.kind == "got" and a.at_s < until_s for a, b in pairwise(rows)
@@ -215,23 +223,18 @@ class PlayedLine:
             tape.require_same()
             due = self._turns[self._turn_count] if self._turn_count < len(self._turns) else None
             if due is not None and due is not self._taking and self._is_due(due, what):
-                self._taking = due
-                try:
-                    await self._until(due.at_s)
-                finally:
-                    self._turn_count += 1
-                    self._changed.set()
-                    self._changed = asyncio.Event()
+                await self._take(due, self._turn_count + 1)
                 return
             until_s = (self._end_s if due is None else due.at_s) + OVERDUE_S
             if due is not None and due.info[0] == what:
                 until_s = due.at_s + RENAMED_S
             if tape.now_s >= until_s - 1e-6:
-                own = self._pass_last_polls(what)
+                own = self._own_last_turn(what)
                 if own is None:
-                    self._turn_count += 1
+                    self._pass(self._turn_count + 1)
                 else:
-                    await self._until(own.at_s)
+                    await self._take(own, _index_of(own, self._turns) + 1)
+                    self._place = _index_of(own, self._rows)
                 return
             changed = self._changed
             try:
@@ -243,18 +246,30 @@ class PlayedLine:
     def _is_due(self, due: WireRow, what: str) -> bool:
         return bool(due.info == [what, self._tape.callers.name()])
 
-    def _pass_last_polls(self, what: str) -> WireRow | None:
-        """Go on at a caller's own turn, past turns of others after the last outcome.
+    async def _take(self, turn: WireRow, count: int) -> None:
+        """Wait for a turn's instant; the first ``count`` turns are over then."""
+        self._taking = turn
+        try:
+            await self._until(turn.at_s)
+        finally:
+            self._pass(count)
 
-        Return that turn, None if there is none. A busy machine polled a device once more between
-        the end of the last part and the stop; those who polled have ended here.
+    def _pass(self, count: int) -> None:
+        """Let those who wait look whether it is their turn, after the first ``count``."""
+        self._turn_count = max(self._turn_count, count)
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+    def _own_last_turn(self, what: str) -> WireRow | None:
+        """Return a caller's own turn behind those of others once the last deed is done.
+
+        None if there is none. A busy machine polled a device once more between the end of the last
+        part and the stop; those who polled have ended here.
         """
-        for count, row in enumerate(self._turns[self._turn_count :], start=self._turn_count + 1):
-            if row.at_s < self._tape.last_outcome_s:
+        for row in self._turns[self._turn_count :]:
+            if row.at_s < self._tape.done_s:
                 return None
             if self._is_due(row, what):
-                self._turn_count = count
-                self._place = next(k for k, one in enumerate(self._rows) if one is row)
                 return row
         return None
 

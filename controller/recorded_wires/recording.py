@@ -6,22 +6,37 @@ import json
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import partial
-from typing import Any, Final, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from controller.cell.batch import Outfit, RunOrder, input_files
 from controller.cell.compute import Compute, Job
 from controller.cell.devices import Devices
-from controller.config import Cell
+from controller.config import Cell, ConfigError
+from controller.setup.drivers import KIND_OF, find_driver
 from controller.setup.software import software_versions
 from drivers.clock import CellClock
 from drivers.wire_file import WireWriter
 from drivers.wires import CameraTap, LineTap, Taken
 
-ARM: Final = "arm"  # wire of its line
-
 Opened = TypeVar("Opened")
 Address = TypeVar("Address")
 Result = TypeVar("Result")
+
+
+def require_recorded(cell: Cell) -> None:
+    """Check that a run on a cell can be recorded and played back.
+
+    Raises
+    ------
+    ConfigError : a device is reached by connections that nobody records
+    """
+    for name, kind in KIND_OF.items():
+        driver = getattr(cell.devices, name).driver
+        if not find_driver(kind, driver).is_recorded:
+            raise ConfigError(
+                f"{name}: what the driver `{driver}` says is not recorded, so that a run with it "
+                "cannot be played back (docs/wires.md)"
+            )
 
 
 class Recorder:
@@ -34,12 +49,10 @@ class Recorder:
     Attributes
     ----------
     callers : names who wants a line
-    has_arm : the arm's driver keeps its bytes here; without them nothing can be replayed
     """
 
     def __init__(self, writer: WireWriter) -> None:
         self.writer = writer
-        self.has_arm = False
         self._clock: CellClock | None = None
         self._last_s = 0.0
         self.callers = LineCallers()
@@ -115,7 +128,6 @@ class Recorder:
 
     def line(self, name: str) -> LineTap | None:
         """Return the tap of a serial line."""
-        self.has_arm |= name == ARM
         return _LineTap(self, name)
 
     def modbus(self, address: Address) -> tuple[Address, LineTap | None]:

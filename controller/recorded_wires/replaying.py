@@ -28,7 +28,7 @@ from drivers.wires import CameraTap, LineTap
 from .cameras import AtOnce, PlayedCamera
 from .lines import Difference, PlayedLine, Tape
 from .loop import WireLoop
-from .recording import ARM, question_of
+from .recording import question_of, require_recorded
 
 Result = TypeVar("Result")
 
@@ -127,19 +127,16 @@ def replay_wires(
 
     Raises
     ------
-    WireFileError : the recording ends before any device was opened, or holds nothing of the arm
-    ConfigError : a file is wrong
+    WireFileError : the recording ends before any device was opened
+    ConfigError : a file is wrong, or a device is not recorded
     """
     began, devices = _row(reader, "begin").info, _row(reader, "devices")
-    if not any(row.wire == ARM for row in reader.rows):
-        raise WireFileError(
-            f"{reader.path}: holds nothing of the arm; docs/wires.md lists what is not recorded"
-        )
     speed = float(devices.info["speed"])
     loop = WireLoop(devices.at_s / speed)
     tape = Tape(reader, loop, speed)
     wires = _PlayedWires(tape)
-    recipe = load_recipe(recipe_path)
+    recipe, cell = load_recipe(recipe_path), load_cell(cell_path)
+    require_recorded(cell)
     with _folder_of_its_own() as folder:
         clock = _PlayedClock(
             speed=speed,
@@ -151,7 +148,7 @@ def replay_wires(
             recipe_path=recipe_path,
             cell_path=cell_path,
             recipe=recipe,
-            cell=load_cell(cell_path),
+            cell=cell,
             count=int(began["count"]),
             speed=speed,
             emulated=began["emulated"],

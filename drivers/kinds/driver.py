@@ -95,6 +95,8 @@ class Driver(Generic[Device, Settings]):
         settings; None where the driver does not state it
     node_group : group whose members may open its device, where the address is a device node;
         empty where it is anything else
+    is_recorded : what its device says goes through the site's wires or Modbus line, so that
+        `run --record` has it and the run can be played back
     needs : returns what the driver needs of this computer beside Python, such as a library and its
         version; raises a `DeviceError` that says what to install where it is missing. None where it
         needs nothing
@@ -105,6 +107,7 @@ class Driver(Generic[Device, Settings]):
     keeps_cell_time: bool = field(default=False, kw_only=True)
     max_force_n: Callable[[Settings], float] | None = field(default=None, kw_only=True)
     node_group: str = field(default="", kw_only=True)
+    is_recorded: bool = field(default=True, kw_only=True)
     needs: Callable[[], str] | None = field(default=None, kw_only=True)
 
 

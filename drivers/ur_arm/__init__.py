@@ -65,5 +65,9 @@ def _jaws(site: Site, address: ControllerAddress, settings: UrSettings) -> Jaws:
 
 
 DRIVER: Final[ArmDriver[UrSettings, UrShape, UrModel]] = ArmDriver(
-    UrSettings, _build, UrShape, describe
+    UrSettings,
+    _build,
+    UrShape,
+    describe,
+    is_recorded=False,  # three connections, and states that come unasked
 )

@@ -6,14 +6,14 @@ The Modbus frames are the standard's own example (V1.1b3, 6.3): registers 0x6B t
 import asyncio
 import errno
 from collections.abc import Callable, Coroutine
-from concurrent.futures import Executor
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from controller.recorded_wires import WireFileError, WireReader, WireWriter, replay_wires
+from controller.config import ConfigError, load_cell
+from controller.recorded_wires import WireReader, WireWriter, require_recorded
 from controller.recorded_wires.cameras import PlayedCamera
 from controller.recorded_wires.lines import OVERDUE_S, PlayedLine, Tape
 from controller.recorded_wires.loop import WireLoop
@@ -189,14 +189,16 @@ def test_who_is_not_next_goes_on_once_the_next_one_is_overdue(tmp_path: Path) ->
 def polled_once_more(done_s: float) -> Rows:
     """Return a poll of a watcher on the arm's line at 1.0 s, then a stop by the batch."""
     rows: Rows = [
-        (done_s, "journal", "row", [7, "outcome", "part_done"], b""),
+        (0.1, "journal", "row", [6, "intent", "let_go"], b""),
+        (done_s, "journal", "row", [7, "outcome", "let_go"], b""),
+        (done_s + 0.1, "journal", "row", [8, "outcome", "part_done"], b""),
         (1.0, "arm", "turn", ["IP1 4C", "Watcher.run"], b""),
         (1.0, "arm", "sent", None, b"\x4c"),
         (1.01, "arm", "got", None, b"\x8e\xa0\x04"),
         (9.0, "arm", "turn", ["stop 24", "batch"], b""),
         (9.0, "arm", "sent", None, b"\x24"),
         (9.01, "arm", "got", None, b"\x00"),
-        (9.05, "journal", "row", [8, "event", "run_ended"], b""),
+        (9.05, "journal", "row", [9, "event", "run_ended"], b""),
     ]
     return sorted(rows, key=lambda row: row[0])
 
@@ -223,7 +225,7 @@ def stopped_without_a_poll(tmp_path: Path, rows: Rows, request: bytes = b"\x24")
     return tape
 
 
-def test_a_poll_after_the_last_outcome_may_be_missing(tmp_path: Path) -> None:
+def test_a_poll_after_the_last_deed_may_be_missing(tmp_path: Path) -> None:
     tape = stopped_without_a_poll(tmp_path, polled_once_more(done_s=0.5))
     assert (tape.difference, tape.request_count) == (None, 1)
 
@@ -240,19 +242,12 @@ def test_another_request_after_it_is_a_difference(tmp_path: Path) -> None:
     assert (tape.difference.recorded, tape.difference.sent) == (b"\x24", b"\x25")
 
 
-def test_a_recording_without_the_arm_is_not_played(tmp_path: Path) -> None:
-    rows: Rows = [
-        (0.0, "run", "begin", {}, b""),
-        (1.0, "run", "devices", {"speed": 1.0, "late_s": 0.0}, b""),
-        (1.0, "arm verbs", "turn", ["connect", "batch"], b""),
-    ]
-    tape = tape_of(tmp_path, rows)
-    tape.loop.close()
-    with (
-        closing(tape.reader) as reader,
-        pytest.raises(WireFileError, match="holds nothing of the arm"),
-    ):
-        replay_wires(reader, Path(), Path(), Executor())
+def test_a_cell_with_an_arm_that_nobody_records_is_named() -> None:
+    cells = Path(__file__).parents[2] / "recipes" / "cells"
+    require_recorded(load_cell(cells / "emulated.yaml"))
+    require_recorded(load_cell(cells / "genicam.yaml"))
+    with pytest.raises(ConfigError, match="arm: what the driver `ur` says is not recorded"):
+        require_recorded(load_cell(cells / "ur5e.yaml"))
 
 
 def frames() -> Rows:

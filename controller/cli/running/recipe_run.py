@@ -299,6 +299,10 @@ def _check_options(options: RunOptions, cell: Cell, recipe_count: int) -> FoundC
         )
     if options.record is not None and options.record.exists():
         raise ConfigError(f"--record {options.record}: exists already; name another file")
+    if options.record is not None:
+        from controller.recorded_wires import require_recorded
+
+        require_recorded(cell)
     if options.at is not None:
         parse_place(options.at, cell)
     clock = find_clock(cell, {})
@@ -361,8 +365,6 @@ def _recorded(path: Path | None, order: RunOrder) -> Iterator[Outfit]:
         yield recorder.outfit()
     finally:
         recorder.close()
-        if not recorder.has_arm:
-            warn(f"{path}: holds nothing of the arm, so that it cannot be replayed (docs/wires.md)")
         if recorder.writer.problem:
             warn(f"{path}: the recording ends early: {recorder.writer.problem}")
 
