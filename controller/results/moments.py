@@ -138,7 +138,7 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
             )
         else:
             raise ValueError(f"no moment is known of a {type(step).__name__}")
-    place, park = plan.if_good
+    place, park = plan.good_part_steps
     yield Moment(
         place,
         MomentKind.PLACE,

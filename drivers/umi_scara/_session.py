@@ -12,7 +12,6 @@ from typing import Final, TypeVar
 
 from drivers.clock import CellClock
 from drivers.errors import (
-    BadReplyError,
     DeviceError,
     LinkError,
     PositionLostError,
@@ -33,7 +32,13 @@ from .line import (
     Transport,
 )
 from .model import OutOfRangeError
-from .motion import Axes, AxisStalledError, MotionStoppedError, Positions
+from .motion import (
+    Axes,
+    AxisStalledError,
+    MotionStoppedError,
+    Positions,
+    ReadingsDifferError,
+)
 from .protocol.codec import encode_controller_status
 from .protocol.constants import ADDRESSES, Axis, Ip, Simple, StatusBits
 
@@ -281,13 +286,13 @@ class ArmSession:
 
         Raises
         ------
-        BadReplyError : readings of an arm at rest do not agree
+        ReadingsDifferError : readings of an arm at rest do not agree
         """
-        motion_count = self._motion_count
-        if not self.is_moving:
+        while not self.is_moving:
+            motion_count = self._motion_count
             try:
                 return await self.until_certain(at_rest)
-            except BadReplyError:
+            except ReadingsDifferError:
                 if self._motion_count == motion_count:
                     raise
         return await in_motion()

@@ -37,7 +37,7 @@ class AxisFacts:
     ip, ctl : its board and controller, umi_rtx.md 1.3
     nominal_counts_per_s : speed at SPEED 100, umi_rtx.md 7
     lower_counts, upper_counts : its own stops [true counts]; infinite where only a combined limit
-        holds, umi_rtx.md 5.2
+        holds, umi_rtx.md 5.2, and 4.2 for the elbow
     home_counts : value written to CURRENT_POSITION at the end of homing, umi_rtx.md 4.2
     max_force : default MAX_FORCE, umi_rtx.md 7
     """
@@ -61,10 +61,10 @@ FACTS: Final[dict[Axis, AxisFacts]] = {
     Axis.WRIST2: AxisFacts(0, 3, 1400.0, -math.inf, math.inf, 459),
 }
 
-# Combined limits; umi_rtx.md 5.2
+# Combined limits; umi_rtx.md 5.2, and 4.2 for the yaw
 YAW_COUNTS_PER_ELBOW_COUNT: Final = 1.0 / 3.0
-# |Y - E/3|, the gripper against the forearm: at the stops of 4.2; 5.2 rounds it to 1071. A count of
-# elbow and two thirds of one of yaw put a part 0.4 mm nearer to a camera than the counters tell.
+# |Y - E/3|, the gripper against the forearm; 5.2 rounds it to 1071. Stops beside the labels that
+# homing writes there would be errors of an arm that has none: one count of elbow is 0.3 mm.
 YAW_TO_ELBOW_LIMIT_COUNTS: Final = 1947.0 - 2629.0 / 3.0
 PITCH_LIMITS_COUNTS: Final = (-2642.0, 108.0)  # W1 + W2
 ROLL_LIMITS_COUNTS: Final = (-3560.0, 4882.0)  # W1 - W2

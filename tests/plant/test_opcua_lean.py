@@ -60,3 +60,29 @@ def test_several_nodes_are_deleted_with_all_references_to_them(role: UserRole) -
     assert (node(1) in left) is not is_gone
     assert (str(node(1)) in left[node(0)]) is not is_gone
     assert str(node(5)) in left[node(0)]
+
+
+async def test_what_is_written_to_one_node_changes_no_other() -> None:
+    found = []
+    for service in (NodeManagementService, LeanNodes):
+        space, _ = linked(service)
+        renamed = ua.Variant(ua.QualifiedName("renamed", 1))
+        told = ua.Variant(ua.LocalizedText("one told"))
+        for attribute, value in (
+            (ua.AttributeIds.BrowseName, renamed),
+            (ua.AttributeIds.DisplayName, told),
+        ):
+            code = await space.write_attribute_value(node(2), attribute, ua.DataValue(value))
+            code.check()
+        found.append(
+            {
+                str(key): (
+                    {str(a): repr(one.value.Value) for a, one in space[key].attributes.items()},
+                    [repr(one) for one in space[key].references],
+                )
+                for key in space.keys()  # noqa: SIM118  it has no iterator
+            }
+        )
+    assert found[0] == found[1]
+    names = [attributes["3"] for attributes, _ in found[1].values()]
+    assert sum("renamed" in name for name in names) == 1

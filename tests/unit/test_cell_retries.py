@@ -129,6 +129,15 @@ async def test_a_camera_that_stays_away_is_an_error_once_the_policy_ends(
     assert camera.calls == ["frame", "connect", "connect"]
 
 
+async def test_a_camera_that_is_back_and_refuses_is_another_fault(
+    journal: Journal, tmp_path: Path
+) -> None:
+    camera = Camera(GONE, *[RefusedError("camera: permission denied", 13)] * 9)
+    imaging, _ = imaging_of(camera, journal, tmp_path)
+    with pytest.raises(RefusedError, match="permission denied"):
+        await imaging.shoot("overhead", {"ring": 1.0})
+
+
 async def test_bytes_that_the_manual_forbids_are_not_tried_again(
     journal: Journal, tmp_path: Path
 ) -> None:

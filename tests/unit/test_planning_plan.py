@@ -180,6 +180,12 @@ def test_one_hand_off_shows_more_than_95_percent_within_200_seconds(plan: Plan) 
     assert plan.covered_fraction > 0.95
     assert plan.forecast_s < 200.0
     assert plan.forecast_s == pytest.approx(sum(s for _, s in plan.seconds_by_step))
+
+
+def test_a_plan_is_forecast_for_a_good_part_however_far_another_tray_is(plan: Plan) -> None:
+    far = replace(plan.place["reject"], seconds=1e3)
+    farther = replace(plan, place={**plan.place, "reject": far})
+    assert farther.seconds_by_step == plan.seconds_by_step
     assert plan.seconds_by_step[-2][0] == "place in tray accept"
 
 

@@ -154,6 +154,16 @@ def test_a_part_without_its_hole_is_unknown_and_the_place_of_the_hole_is_named(
     assert length == pytest.approx(2 * np.pi * radius, rel=0.15)
 
 
+def test_a_part_of_another_size_is_unknown_and_no_edge_of_it_is_blamed() -> None:
+    T = resting(solids()["plate"], poses("plate")[0].R, 31.0, -17.0, 2.2)
+    drawn = shape("plate", T)
+    larger = shapely.affinity.scale(drawn, 1.06, 1.06, origin="centroid")
+    (seen,) = look(picture([larger]))
+    assert seen.part is None
+    assert "nearest is plate" in seen.reason
+    assert "would be" not in seen.reason
+
+
 def test_blur_and_noise_cost_little() -> None:
     T = resting(solids()["elbow"], poses("elbow")[0].R, 31.0, -17.0, 0.9)
     for blur, noise in ((0.4, 0.0), (1.5, 4.0), (2.5, 8.0)):

@@ -253,7 +253,7 @@ def good_part_steps(place: Mapping[str, Place], park: Mapping[str, Park]) -> tup
 
     Parameters
     ----------
-    place, park : by the tray's name
+    place, park : by the tray's name, in the layout's order; one at least
     """
     good = next(iter(place))
     return place[good], park[good]
@@ -288,10 +288,10 @@ class Plan:
     @property
     def seconds_by_step(self) -> tuple[tuple[str, float], ...]:
         """The forecast step by step, the tray of a good part last."""
-        return tuple((s.label, s.seconds) for s in (*self.steps, *self.if_good))
+        return tuple((s.label, s.seconds) for s in (*self.steps, *self.good_part_steps))
 
     @property
-    def if_good(self) -> tuple[Place, Park]:
+    def good_part_steps(self) -> tuple[Place, Park]:
         """The steps of a good part once all is seen, by which the plan is forecast."""
         return good_part_steps(self.place, self.park)
 

@@ -383,25 +383,36 @@ def _connected_mm(edges: ImageEdges, mm_per_px: float) -> float:
 
 
 def longest_missing(fit: EdgeFit) -> tuple[float, FloatArray] | None:
-    """Return the longest connected edge of the predicted outline that is not seen, None for none.
+    """Return the longest connected edge of the predicted outline that is not seen.
 
     Parameters
     ----------
-    fit : the fitted pose
+    fit : the fitted pose of an outline that is known whole
 
     Returns
     -------
-    its length [mm], and its middle (3,), world
+    its length [mm], and its middle (3,), world: of a ring the centre, else a point of it; None for
+    no edge that is longer than noise makes one, and where most of the outline is elsewhere, so that
+    none of its edges is the reason
     """
     edges = fit.edges.at(fit.edges.on_outline & (fit.off_px > NEAR_PX))
     count = len(edges.points_mm)
-    if count == 0:
+    if count == 0 or 2 * count > int(fit.edges.on_outline.sum()):
         return None
     # an outline's samples lie high and low along the rim of one hole, and side by side in a picture
     links = cKDTree(edges.pixels).query_pairs(LINK_PX, output_type="ndarray")
     groups = components(count, links[:, 0], links[:, 1])
     longest = groups == np.bincount(groups).argmax()
-    return float(longest.sum()) * edges.step_mm, edges.points_mm[longest].mean(axis=0)
+    length_mm = float(longest.sum()) * edges.step_mm
+    if length_mm <= ALONE_MM:
+        return None
+    points = edges.points_mm[longest]
+    out = points - points.mean(axis=0)
+    bearing = np.sort(np.arctan2(out[:, 1], out[:, 0]))
+    gap = np.diff(bearing, append=bearing[0] + 2.0 * np.pi).max()
+    if gap > np.pi / 2.0:  # it does not go round its middle
+        return length_mm, points[np.linalg.norm(out, axis=1).argmin()]
+    return length_mm, points.mean(axis=0)
 
 
 def shown_edges(

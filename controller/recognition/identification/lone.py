@@ -64,7 +64,7 @@ def identify(region: Region, scene: TableScene) -> Seen:
         hypotheses = more if decision.best is not None else hypotheses
     trace = Trace(region, tuple(candidates), tuple(hypotheses))
     if decision.best is None:
-        reason = why_not(decision, library)
+        reason = why_not(decision, library, is_backlit=scene.is_backlit)
         return unknown(region, scene, area_mm2, decision.score, reason), trace
     return known(decision, decision.best, region, area_mm2, library), trace
 

@@ -309,8 +309,15 @@ def unknown(
     )
 
 
-def why_not(decision: Decision, library: Library) -> str:
-    """Return the reason of a refusal: what came nearest, and what speaks against it."""
+def why_not(decision: Decision, library: Library, *, is_backlit: bool) -> str:
+    """Return the reason of a refusal: what came nearest, and what speaks against it.
+
+    Parameters
+    ----------
+    decision : without a best hypothesis
+    library : names the parts
+    is_backlit : the outline is known whole, so that an edge of it can be missed
+    """
     h = decision.nearest
     if h is None:
         return key("none of the known parts has a silhouette of this size and shape")
@@ -330,7 +337,7 @@ def why_not(decision: Decision, library: Library) -> str:
         outline_percent=100 * h.evidence.outline,
         explained_percent=100 * h.evidence.explained,
     )
-    missing = longest_missing(h.fit)
+    missing = longest_missing(h.fit) if is_backlit else None
     if missing is None:
         return nearest
     length_mm, (x_mm, y_mm, _) = missing

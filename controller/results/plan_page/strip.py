@@ -136,7 +136,7 @@ class Strip:
         if moment.seat is Seat.BESIDE:
             words = "from beside, arm transparent"
             if moment.kind is MomentKind.PLACE:
-                words += "; of the trays, the one that takes longest"
+                words += "; of the trays, a good part's"
             return self._beside(moment, stage, colours), words
         camera = self._camera(moment.seat)
         corners = stage.bodies[-1].vertices_mm

@@ -5,7 +5,7 @@ It knows counts, no joint angle and no limit.
 
 from drivers.errors import MotionStoppedError
 
-from ._axes import Axes
+from ._axes import Axes, ReadingsDifferError
 from ._counters import judge_counters, judge_kept_counters
 from ._first_contact import read_registers, try_motor
 from ._homing import Homing
@@ -34,6 +34,7 @@ __all__ = [
     "MotionStoppedError",
     "MoveWatch",
     "Positions",
+    "ReadingsDifferError",
     "axes_in_turn",
     "forecast_s",
     "judge_counters",

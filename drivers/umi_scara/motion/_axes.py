@@ -31,6 +31,10 @@ _READ_COUNT = 8  # reads until two agree; an arm at rest needs one
 _FASTEST_FIRST = sorted(Axis, key=lambda axis: -c.NOMINAL_COUNTS_PER_S[axis])
 
 
+class ReadingsDifferError(BadReplyError):
+    """No two readings in a row agree: something moves, or the line is disturbed."""
+
+
 def _the(kind: type[R], reply: Reply) -> R:
     if not isinstance(reply, kind):
         raise BadReplyError(
@@ -395,7 +399,7 @@ class Axes:
 
         Raises
         ------
-        BadReplyError : no two do
+        ReadingsDifferError : no two do
         """
         before = await self.read(axis, parameter)
         for _ in range(_READ_COUNT):
@@ -403,7 +407,7 @@ class Axes:
             if abs(now - before) <= _DITHER_COUNTS:
                 return now
             before = now
-        raise BadReplyError(
+        raise ReadingsDifferError(
             say(
                 "arm: {name} of {axis} reads differently",
                 name=parameter.name,

@@ -63,17 +63,20 @@ class Retries:
         """
         tried = 0
         is_mended = True
-        left: UnpluggedError | None = None
+        gone: UnpluggedError | None = None
         while True:
             try:
                 if not is_mended and mend is not None:
                     await mend()
-                is_mended, left = True, None
+                is_mended, gone = True, None
                 return await action()
             except PASSING as error:
-                left = error if isinstance(error, UnpluggedError) else left
+                gone = error if isinstance(error, UnpluggedError) else gone
                 if not await self._waits(kind, name, error, tried):
-                    raise left or error from None
+                    # it is not there when it is asked for again: no other fault than that it left
+                    if gone is None or gone is error or not isinstance(error, LinkError):
+                        raise
+                    raise gone from error
                 tried, is_mended = tried + 1, False
 
     async def _waits(self, kind: DeviceClass, name: str, error: DeviceError, tried: int) -> bool:

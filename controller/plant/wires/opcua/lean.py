@@ -92,25 +92,25 @@ class LeanNodes(NodeManagementService):
     ) -> ua.StatusCode:
         for name in NAMED:
             node = getattr(desc, name)
-            word = _word(node)
-            if word is not None:
-                setattr(desc, name, self._known.setdefault(word, node))
+            key = _key_of(node)
+            if key is not None:
+                setattr(desc, name, self._known.setdefault(key, node))
         return super()._add_unique_reference(nodedata, desc)
 
     def _shared(self, held: ua.DataValue) -> ua.DataValue:
         """Return a value of an attribute other than Value, whose time nobody asks for."""
         inner = held.Value
-        word = None if inner is None else _word(inner.Value)
-        if inner is None or word is None:
+        key = None if inner is None else _key_of(inner.Value)
+        if inner is None or key is None:
             return held
-        same = (inner.VariantType, inner.is_array, word, held.StatusCode.value)
+        same = (inner.VariantType, inner.is_array, key, held.StatusCode.value)
         found = self._known.get(same)
         if found is None:
             found = self._known[same] = ua.DataValue(inner, StatusCode=held.StatusCode)
         return found
 
 
-def _word(value: Any) -> tuple[Any, ...] | None:
+def _key_of(value: Any) -> tuple[Any, ...] | None:
     """Return what equal values alone have in common, None for a record."""
     fields: tuple[Any, ...] | None = None
     if isinstance(value, PLAIN):
@@ -120,9 +120,10 @@ def _word(value: Any) -> tuple[Any, ...] | None:
     elif isinstance(value, ua.QualifiedName):
         fields = (value.NamespaceIndex, value.Name)
     elif isinstance(value, ua.ExpandedNodeId):
-        fields = (value.NamespaceIndex, value.Identifier, value.NamespaceUri, value.ServerIndex)
+        where = (value.NamespaceUri, value.ServerIndex)
+        fields = (value.NamespaceIndex, value.NodeIdType, value.Identifier, *where)
     elif isinstance(value, ua.NodeId):
-        fields = (value.NamespaceIndex, value.Identifier)
+        fields = (value.NamespaceIndex, value.NodeIdType, value.Identifier)
     elif isinstance(value, list) and all(isinstance(one, int) for one in value):
         fields = tuple(value)
     return None if fields is None else (type(value), *fields)
