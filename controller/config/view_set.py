@@ -177,12 +177,14 @@ class SetTurn(Section):
     through_mm : a point on it
     same_deg : turns about it that leave the part as it is, 0 among them
     is_shown : a view has shown the turn, roughly
+    guess_number : of the guess; views of an earlier one were expected at a turn that was wrong
     """
 
     axis: Direction
     through_mm: Point
     same_deg: Annotated[tuple[float, ...], Field(min_length=1)] = (0.0,)
     is_shown: bool = False
+    guess_number: Annotated[int, Field(ge=0)] = 0
 
 
 class SetView(Section):

@@ -236,8 +236,8 @@ def pose_views(views: ViewSet, settings: PoseSettings, kept: Kept | None = None)
     outlined = tuple(outlined_view(kept, view) for view in views.views)
     grasps = by_grasp(outlined)
     settled: dict[str, OutlinedView] = {}
-    for one_guess in _by_guess(grasps.values()):
-        for mine in turned_views(kept, views.part, one_guess, settings):
+    for one_guess, is_last in _by_guess(grasps.values()):
+        for mine in turned_views(kept, views.part, one_guess, settings, is_last):
             settled |= {view.task.view_id: view for view in mine}
     turned = tuple(settled.get(one.view.task.view_id, one) for one in outlined)
     fits = {
@@ -249,15 +249,16 @@ def pose_views(views: ViewSet, settings: PoseSettings, kept: Kept | None = None)
 
 def _by_guess(
     grasps: Iterable[tuple[OutlinedView, ...]],
-) -> Iterator[tuple[tuple[OutlinedView, ...], ...]]:
-    """Yield the grasps in which the part's turn is the same guess."""
+) -> Iterator[tuple[tuple[tuple[OutlinedView, ...], ...], bool]]:
+    """Yield the grasps in which the part's turn is the same guess, and whether it is the last."""
+    turns = [(mine[0].task.facts.free_turn, mine) for mine in grasps]
+    last = max((free.guess_number for free, _ in turns if free is not None), default=0)
     guesses: dict[tuple[object, ...], tuple[tuple[OutlinedView, ...], ...]] = {}
-    for mine in grasps:
-        free = mine[0].task.facts.free_turn
+    for free, mine in turns:
         if free is not None:
-            same = free.is_shown, free.axis.tobytes(), free.through_mm.tobytes()
+            same = free.guess_number, free.is_shown, free.axis.tobytes(), free.through_mm.tobytes()
             guesses[same] = (*guesses.get(same, ()), mine)
-    yield from guesses.values()
+    yield from ((mine, same[0] == last) for same, mine in guesses.items())
 
 
 def compare_views(

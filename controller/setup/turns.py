@@ -18,6 +18,7 @@ def turn_section(free: FreeTurn | None) -> SetTurn | None:
         through_mm=(x, y, z),
         same_deg=tuple(degrees(turn) for turn in free.same_rad.tolist()),
         is_shown=free.is_shown,
+        guess_number=free.guess_number,
     )
 
 
@@ -26,4 +27,5 @@ def free_turn_of(turn: SetTurn | None) -> FreeTurn | None:
     if turn is None:
         return None
     axis, through_mm = np.array(turn.axis), np.array(turn.through_mm)
-    return FreeTurn(axis, through_mm, np.radians(turn.same_deg), turn.is_shown)
+    same_rad = np.radians(turn.same_deg)
+    return FreeTurn(axis, through_mm, same_rad, turn.is_shown, turn.guess_number)

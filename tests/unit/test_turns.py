@@ -24,9 +24,12 @@ from controller.inspection import (
     PicturedView,
     PosedPart,
     ViewPictures,
+    ViewSet,
     inspect_view,
     locate_view,
 )
+from controller.inspection.grasp_pose import OutlinedView, PoseSettings
+from controller.inspection.stages import pose_views
 from controller.recognition import FreeTurn, Sighting, make_library, recognise
 
 Array = NDArray[np.float64]
@@ -219,11 +222,14 @@ def test_holes_that_fit_at_a_wrong_turn_do_not_mislead_the_lamps(true_deg: float
     assert np.degrees(rotation_angle(off)) < 0.5
 
 
+def round_shaft() -> Body:
+    """The shaft as it looks from its round side: hole and keyway point away from the camera."""
+    return rod(15, 26, 192).translate((0, 0, 13)) + rod(10, 34, 128).translate((0, 0, 43))
+
+
 def test_a_view_of_the_round_side_proves_nothing_but_where_the_part_is() -> None:
-    """Hole and keyway point away from the camera."""
     asked = replace(task(held(0.0), ()), facts=PartFacts(free_turn=FREE))
-    part, blank = PosedPart(solid("shaft")), rod(15, 26, 192).translate((0, 0, 13))
-    body = blank + rod(10, 34, 128).translate((0, 0, 43))
+    part, body = PosedPart(solid("shaft")), round_shaft()
     found = locate_view(part, asked, seen(0.0, body))
     assert isinstance(found, NotEvaluated)
     assert found.T_world_part is not None
@@ -248,3 +254,40 @@ def test_a_turn_that_an_earlier_view_shows_is_that_of_a_view_which_does_not() ->
     assert not isinstance(found, NotEvaluated), found.reason
     off = found.fit.T_world_part[:3, :3].T @ at_once.fit.T_world_part[:3, :3]
     assert np.degrees(rotation_angle(off)) < 5.0  # by its own pictures it may be anything near
+
+
+def test_a_turn_shown_far_from_one_that_was_shown_is_another_guess() -> None:
+    first = FREE.shown(2.0)  # of a guess any turn may be shown
+    assert (first.is_shown, first.guess_number) == (True, 0)
+    assert first.shown(np.radians(4.0)).guess_number == 0
+    again = first.shown(np.radians(35.0))
+    assert (again.is_shown, again.guess_number) == (True, 1)
+
+
+def test_views_of_a_guess_that_was_wrong_are_turned_by_their_own_pictures() -> None:
+    """A hold was taken to be shown 44 degrees off; the next grasp's view shows the turn."""
+    part, wrong = PosedPart(solid("shaft")), replace(FREE, is_shown=True)
+    views = [
+        PicturedView(
+            replace(task(held(deg), ()), view_id=name, facts=PartFacts(free_turn=free)),
+            pictures,
+            grasp=grasp,
+        )
+        for name, deg, free, pictures, grasp in (
+            ("A", -31.0, wrong, seen(-75.0), 1),
+            ("B", -31.0, wrong, seen(-75.0, round_shaft()), 2),
+            ("C", -80.0, wrong.shown(0.8), seen(-80.0), 3),
+        )
+    ]
+    found = pose_views(ViewSet(part, sample_surface(part.solid), tuple(views)), PoseSettings())
+    for name, true_deg in (("A", -75.0), ("C", -80.0)):
+        pose = found.pose(name)
+        assert pose is not None
+        off = pose.T_world_part_measured[:3, :3].T @ held(true_deg)[:3, :3]
+        assert np.degrees(rotation_angle(off)) < 1.5
+    alone = ViewSet(part, sample_surface(part.solid), (views[1], views[2]))
+    open_one, known = pose_views(alone, PoseSettings()).outlined
+    assert isinstance(open_one, OutlinedView)
+    assert isinstance(known, OutlinedView)
+    assert open_one.task.facts.is_turn_open
+    assert not known.task.facts.is_turn_open

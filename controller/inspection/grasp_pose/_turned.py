@@ -23,20 +23,27 @@ from ._types import OutlinedView, PoseSettings, ViewPose
 Grasps = tuple[tuple[OutlinedView, ...], ...]
 
 
-def settle_turn(part: PosedPart, grasps: Grasps, settings: PoseSettings) -> Grasps:
+def settle_turn(
+    part: PosedPart, grasps: Grasps, settings: PoseSettings, is_last: bool = True
+) -> Grasps:
     """Return views, grasp by grasp, expected at the turn that their lit pictures show.
 
-    Unchanged where the pictures leave it open. Grasps are looked at
-    until they are sure of it; each has its own about that, since round jaws let a round part turn.
+    Unchanged where the pictures leave it open. Grasps are looked at until they are sure of it; each
+    has its own about that, since round jaws let a round part turn.
 
     Parameters
     ----------
     part : the part
     grasps : views of one guess, by their grasps
     settings : prior knowledge of arm, parts and light
+    is_last : no view has shown another turn since; else what was shown of this one was wrong, and
+        pictures that leave it open leave it open
     """
     free = grasps[0][0].task.facts.free_turn
     assert free is not None
+    if free.is_shown and not is_last:
+        free = replace(free, is_shown=False)
+        grasps = tuple(tuple(_with_turn(view, free) for view in views) for views in grasps)
     looks = [_looks(part, free, views, settings) for views in grasps]
     turn = likeliest_turn(free, looks[0])
     for count in range(2, len(looks) + 1):
@@ -47,7 +54,7 @@ def settle_turn(part: PosedPart, grasps: Grasps, settings: PoseSettings) -> Gras
         return grasps
     turns = (refined_turn(mine, turn.turn_rad) for mine in looks)
     return tuple(
-        tuple(_known(view.turned(free.by(own))) for view in views)
+        tuple(_with_turn(view.turned(free.by(own)), None) for view in views)
         for own, views in zip(turns, grasps, strict=True)
     )
 
@@ -68,8 +75,8 @@ def _turn_between(T_from: FloatArray, T_to: FloatArray, free: FreeTurn) -> float
     return float(rotation[:, 0] @ free.axis)
 
 
-def _known(view: OutlinedView) -> OutlinedView:
-    facts = replace(view.task.facts, free_turn=None)
+def _with_turn(view: OutlinedView, free: FreeTurn | None) -> OutlinedView:
+    facts = replace(view.task.facts, free_turn=free)
     return view.with_task(replace(view.task, facts=facts))
 
 

@@ -6,7 +6,7 @@ weighed by how unusual the slopes of the pictures are where it puts edges.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -54,12 +54,27 @@ class FreeTurn:
     through_mm : (3,) a point on it, CAD frame
     same_rad : turns about it that leave the part as it is, 0 among them
     is_shown : a view has shown the turn, roughly
+    guess_number : of the guess; views of an earlier one were expected at a turn that was wrong
     """
 
     axis: FloatArray
     through_mm: FloatArray
     same_rad: FloatArray
     is_shown: bool = False
+    guess_number: int = 0
+
+    def shown(self, off_rad: float) -> "FreeTurn":
+        """Return it once a view has shown the turn.
+
+        A turn that was shown before, and is off by more than round jaws let a part turn, was wrong:
+        the present one is another guess.
+
+        Parameters
+        ----------
+        off_rad : turn shown, from the one expected
+        """
+        is_other = self.is_shown and off_rad > SAME_RAD
+        return replace(self, is_shown=True, guess_number=self.guess_number + int(is_other))
 
     def by(self, turn_rad: float) -> FloatArray:
         """Return the turn (4, 4) of the part, in its CAD frame."""

@@ -1,6 +1,6 @@
 """Measures the part's pose in the arm gripper, by the inspection camera."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -102,9 +102,8 @@ class HeldPose:
         """
         part = self.record.part
         free = part.free_turn
-        is_turn_new = False
-        if free is not None and not free.is_shown and found.evaluated and found.is_turn_known:
-            part.free_turn, is_turn_new = replace(free, is_shown=True), True
+        is_turn_shown = free is not None and found.evaluated and found.is_turn_known
+        is_turn_new = is_turn_shown and free is not None and not free.is_shown
         T_world_part, was_known = found.T_world_part, hold.is_measured and not is_turn_new
         if not found.evaluated:
             T_searched = await self._search(shown, hold, found.reason)
@@ -114,6 +113,8 @@ class HeldPose:
         hold.unconfirmed_count = 0
         measured = inverse_pose(T_world_part) @ tcp_pose(self.layout, shown.q)
         shift_mm, turn_rad = _difference(measured, hold.T_part_tcp)
+        if is_turn_shown and free is not None:
+            part.free_turn = free.shown(turn_rad)
         if was_known and not is_held_otherwise(shift_mm, turn_rad):
             return
         hold.T_part_tcp, hold.is_measured = measured, True
