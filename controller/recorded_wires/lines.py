@@ -159,10 +159,6 @@ def _end_of_deeds_s(rows: Sequence[WireRow]) -> float:
     return next((row.at_s for row in after if row.info[1] == "outcome"), inf)
 
 
-def _index_of(row: WireRow, rows: Sequence[WireRow]) -> int:
-    return next(k for k, one in enumerate(rows) if one is row)
-
-
 class PlayedLine:
     """One line of the recording; a `drivers.wires.LineTap`.
 
@@ -223,7 +219,7 @@ class PlayedLine:
             tape.require_same()
             due = self._turns[self._turn_count] if self._turn_count < len(self._turns) else None
             if due is not None and due is not self._taking and self._is_due(due, what):
-                await self._take(due, self._turn_count + 1)
+                await self._take(self._turn_count)
                 return
             until_s = (self._end_s if due is None else due.at_s) + OVERDUE_S
             if due is not None and due.info[0] == what:
@@ -231,10 +227,11 @@ class PlayedLine:
             if tape.now_s >= until_s - 1e-6:
                 own = self._own_last_turn(what)
                 if own is None:
-                    self._pass(self._turn_count + 1)
+                    self._pass(self._turn_count)
                 else:
-                    await self._take(own, _index_of(own, self._turns) + 1)
-                    self._place = _index_of(own, self._rows)
+                    await self._take(own)
+                    turn = self._turns[own]
+                    self._place = next(k for k, one in enumerate(self._rows) if one is turn)
                 return
             changed = self._changed
             try:
@@ -246,31 +243,31 @@ class PlayedLine:
     def _is_due(self, due: WireRow, what: str) -> bool:
         return bool(due.info == [what, self._tape.callers.name()])
 
-    async def _take(self, turn: WireRow, count: int) -> None:
-        """Wait for a turn's instant; the first ``count`` turns are over then."""
-        self._taking = turn
+    async def _take(self, number: int) -> None:
+        """Wait for the instant of a turn; it and those before it are over then."""
+        self._taking = self._turns[number]
         try:
-            await self._until(turn.at_s)
+            await self._until(self._taking.at_s)
         finally:
-            self._pass(count)
+            self._pass(number)
 
-    def _pass(self, count: int) -> None:
-        """Let those who wait look whether it is their turn, after the first ``count``."""
-        self._turn_count = max(self._turn_count, count)
+    def _pass(self, number: int) -> None:
+        """Let those who wait look whether it is their turn, after the one of this number."""
+        self._turn_count = max(self._turn_count, number + 1)
         self._changed.set()
         self._changed = asyncio.Event()
 
-    def _own_last_turn(self, what: str) -> WireRow | None:
-        """Return a caller's own turn behind those of others once the last deed is done.
+    def _own_last_turn(self, what: str) -> int | None:
+        """Return the number of a caller's turn behind those of others, the last deed done.
 
         None if there is none. A busy machine polled a device once more between the end of the last
         part and the stop; those who polled have ended here.
         """
-        for row in self._turns[self._turn_count :]:
+        for number, row in enumerate(self._turns[self._turn_count :], start=self._turn_count):
             if row.at_s < self._tape.done_s:
                 return None
             if self._is_due(row, what):
-                return row
+                return number
         return None
 
     async def _until(self, cell_s: float) -> None:

@@ -11,12 +11,7 @@ from dataclasses import dataclass
 from typing import Final, TypeVar
 
 from drivers.clock import CellClock
-from drivers.errors import (
-    DeviceError,
-    LinkError,
-    PositionLostError,
-    SilentLineError,
-)
+from drivers.errors import DeviceError, LinkError, PositionLostError, SilentLineError
 from drivers.kinds import Stop
 from drivers.tasks import run_to_end
 from drivers.wires import LineTap
@@ -32,13 +27,7 @@ from .line import (
     Transport,
 )
 from .model import OutOfRangeError
-from .motion import (
-    Axes,
-    AxisStalledError,
-    MotionStoppedError,
-    Positions,
-    ReadingsDifferError,
-)
+from .motion import Axes, AxisStalledError, MotionStoppedError, Positions, ReadingsDifferError
 from .protocol.codec import encode_controller_status
 from .protocol.constants import ADDRESSES, Axis, Ip, Simple, StatusBits
 

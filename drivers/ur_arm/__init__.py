@@ -65,9 +65,10 @@ def _jaws(site: Site, address: ControllerAddress, settings: UrSettings) -> Jaws:
 
 
 DRIVER: Final[ArmDriver[UrSettings, UrShape, UrModel]] = ArmDriver(
+    # three connections, and states that come unasked, are not recorded
     UrSettings,
     _build,
     UrShape,
     describe,
-    is_recorded=False,  # three connections, and states that come unasked
+    is_recorded=False,
 )

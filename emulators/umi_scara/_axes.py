@@ -65,7 +65,9 @@ FACTS: Final[dict[Axis, AxisFacts]] = {
 YAW_COUNTS_PER_ELBOW_COUNT: Final = 1.0 / 3.0
 # |Y - E/3|, the gripper against the forearm; 5.2 rounds it to 1071. Stops beside the labels that
 # homing writes there would be errors of an arm that has none: one count of elbow is 0.3 mm.
-YAW_TO_ELBOW_LIMIT_COUNTS: Final = 1947.0 - 2629.0 / 3.0
+YAW_TO_ELBOW_LIMIT_COUNTS: Final = (
+    FACTS[Axis.ELBOW].home_counts * YAW_COUNTS_PER_ELBOW_COUNT - FACTS[Axis.YAW].home_counts
+)
 PITCH_LIMITS_COUNTS: Final = (-2642.0, 108.0)  # W1 + W2
 ROLL_LIMITS_COUNTS: Final = (-3560.0, 4882.0)  # W1 - W2
 

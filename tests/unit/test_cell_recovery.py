@@ -150,7 +150,7 @@ def plan(*steps: Step) -> Plan:
     trays = ("accept", "reject", "quarantine")
     return Plan(
         steps=steps, place={t: replace(place, tray=t) for t in trays},
-        park=dict.fromkeys(trays, park), forecast_s=1.0, covered_fraction=1.0, covered_U=0.0,
+        park=dict.fromkeys(trays, park), covered_fraction=1.0, covered_U=0.0,
         reachable_fraction=1.0, unseen=(), grasps=(A,), proof=Proof(0.0, 0.0, "none"),
     )  # fmt: skip
 

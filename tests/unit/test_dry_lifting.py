@@ -33,7 +33,7 @@ def park(*waypoints: Array, label: str = "go") -> Park:
 
 def plan_of(*steps: Step) -> Plan:
     return Plan(
-        steps=steps, place={}, park={}, forecast_s=1.0, covered_fraction=0.0, covered_U=0.0,
+        steps=steps, place={}, park={}, covered_fraction=0.0, covered_U=0.0,
         reachable_fraction=0.0, unseen=(), grasps=(), proof=Proof(0.0, 0.0, ""),
     )  # fmt: skip
 

@@ -230,7 +230,6 @@ def every_kind(part: CompiledPart, layout: CellLayout) -> Plan:
         steps=steps,
         place={"accept": place},
         park={"accept": Park(seconds=4.0, label="park", motion=(q,))},
-        forecast_s=52.0,
         covered_fraction=float(weights[seen].sum()),
         covered_U=0.001,
         reachable_fraction=1.0,

@@ -76,14 +76,10 @@ def standing_of(runs_dir: Path) -> StandingReply:
     if run is not None:
         found = _after(journal, run)
     if holder is not None:
-        has_it = HolderReply(
-            run=holder.run, user=holder.user, host=holder.host, pid=holder.pid,
-            since=holder.since, control=holder.control,
-        )  # fmt: skip
         update = {
             "state": "taken",
             "message": say("{holder} has the cell", holder=holder),
-            "holder": has_it,
+            "holder": HolderReply.of(holder),
         }
         return found.model_copy(update=update)
     return found

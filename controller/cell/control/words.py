@@ -4,6 +4,7 @@ A reply has keys and values of its sentences beside them (`messages.form`).
 """
 
 import json
+from dataclasses import asdict
 from typing import Any, Final, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -11,6 +12,8 @@ from pydantic_core import from_json
 
 from messages.fields import Sentence
 from messages.form import SAID, from_said, with_said
+
+from ..lock import Holder
 
 # largest length in characters
 MAX_WHO: Final = 200
@@ -144,6 +147,11 @@ class HolderReply(_Body):
     pid: int
     since: str
     control: str = ""
+
+    @classmethod
+    def of(cls, holder: Holder) -> "HolderReply":
+        """Return a lock's holder as a reply."""
+        return cls.model_validate(asdict(holder))
 
 
 class StatusReply(_Reply):

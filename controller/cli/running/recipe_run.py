@@ -293,16 +293,8 @@ def _check_options(options: RunOptions, cell: Cell, recipe_count: int) -> FoundC
             "--step asks before each motion, and there is no terminal to ask at: add --wait, and "
             "give `cellctl answer go` in another terminal"
         )
-    if options.record is not None and recipe_count > 1:
-        raise ConfigError(
-            "--record takes a run of one recipe; leave out --record or the other recipes"
-        )
-    if options.record is not None and options.record.exists():
-        raise ConfigError(f"--record {options.record}: exists already; name another file")
     if options.record is not None:
-        from controller.recorded_wires import require_recorded
-
-        require_recorded(cell)
+        _check_recording(options.record, cell, recipe_count)
     if options.at is not None:
         parse_place(options.at, cell)
     clock = find_clock(cell, {})
@@ -341,6 +333,18 @@ def _run(
             if isinstance(error, asyncio.CancelledError):  # a second Ctrl-C
                 raise KeyboardInterrupt from error
             raise
+
+
+def _check_recording(path: Path, cell: Cell, recipe_count: int) -> None:
+    from controller.recorded_wires import require_recorded
+
+    if recipe_count > 1:
+        raise ConfigError(
+            "--record takes a run of one recipe; leave out --record or the other recipes"
+        )
+    if path.exists():
+        raise ConfigError(f"--record {path}: exists already; name another file")
+    require_recorded(cell)
 
 
 @contextmanager

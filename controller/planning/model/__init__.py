@@ -24,7 +24,6 @@ from .plan import (
     SetDown,
     Step,
     Unseen,
-    good_part_steps,
     lit_count,
 )
 from .prepared import FaceToShowAgain, HandOff, PlanOptions, PreparedPart, Rest, of_faces
@@ -83,7 +82,6 @@ __all__ = [
     "Tray",
     "Unseen",
     "VisibilityTable",
-    "good_part_steps",
     "lit_count",
     "of_faces",
 ]

@@ -248,17 +248,6 @@ class Proof:
         return self.gap < 1e-9
 
 
-def good_part_steps(place: Mapping[str, Place], park: Mapping[str, Park]) -> tuple[Place, Park]:
-    """Return the steps into the tray of good parts, which a layout names first, and home.
-
-    Parameters
-    ----------
-    place, park : by the tray's name, in the layout's order; one at least
-    """
-    good = next(iter(place))
-    return place[good], park[good]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
     """The steps of one part through the cell.
@@ -266,8 +255,7 @@ class Plan:
     Attributes
     ----------
     steps : in order, up to where the verdict is known
-    place, park : per tray, what comes then
-    forecast_s : all steps, and those of a good part's tray
+    place, park : per tray, what comes then; the tray of good parts first, as in the layout
     covered_fraction : share of the surface in sight at least once
     covered_U : expanded uncertainty (k = 2) of that share, from how far apart its points are
     reachable_fraction : share that any grasp and any view of this cell could inspect, regrasps
@@ -277,7 +265,6 @@ class Plan:
     steps: tuple[Step, ...]
     place: Mapping[str, Place]
     park: Mapping[str, Park]
-    forecast_s: float
     covered_fraction: float
     covered_U: float  # noqa: N815 (U is the symbol of the field)
     reachable_fraction: float
@@ -291,9 +278,15 @@ class Plan:
         return tuple((s.label, s.seconds) for s in (*self.steps, *self.good_part_steps))
 
     @property
+    def forecast_s(self) -> float:
+        """The forecast of all steps of a good part."""
+        return sum(seconds for _, seconds in self.seconds_by_step)
+
+    @property
     def good_part_steps(self) -> tuple[Place, Park]:
         """The steps of a good part once all is seen, by which the plan is forecast."""
-        return good_part_steps(self.place, self.park)
+        good = next(iter(self.place))
+        return self.place[good], self.park[good]
 
     @property
     def presents(self) -> tuple[Present, ...]:

@@ -116,7 +116,6 @@ def plan_under_ambiguity(
         return replace(
             rest,
             steps=(*opening, *rest.steps),
-            forecast_s=rest.forecast_s + sum(s.seconds for s in opening),
             grasps=(held.grasp, *rest.grasps[1:]) if rest.grasps else (held.grasp,),
         )
     if alike is not None and all(o.solid is part.solid for o in others):

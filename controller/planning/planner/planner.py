@@ -31,7 +31,6 @@ from ..model import (
     PreparedPart,
     Proof,
     Start,
-    good_part_steps,
 )
 from ..regrasps import PickPath
 from ..search import COARSE, FULL, GraspSequence, Problem, refuted, solve
@@ -328,7 +327,6 @@ class _SolutionBuilder:
             steps=steps,
             place=trays,
             park=home,
-            forecast_s=sum(s.seconds for s in (*build.steps, *good_part_steps(trays, home))),
             covered_fraction=share_of(part.counted_samples, seen),
             covered_U=uncertainty_of(part.counted_samples, seen),
             reachable_fraction=share_of(part.counted_samples, reachable),

@@ -374,12 +374,17 @@ def longest_alone_mm(
 
 def _connected_mm(edges: ImageEdges, mm_per_px: float) -> float:
     """Return the length of the longest connected edge [mm]."""
-    count = len(edges.points_px)
-    if count == 0:
+    if len(edges.points_px) == 0:
         return 0.0
-    links = cKDTree(edges.points_px).query_pairs(LINK_PX * edges.every, output_type="ndarray")
-    lengths = np.bincount(components(count, links[:, 0], links[:, 1]))
-    return float(lengths.max()) * edges.every * mm_per_px
+    longest = _longest(edges.points_px, LINK_PX * edges.every)
+    return float(longest.sum()) * edges.every * mm_per_px
+
+
+def _longest(points_px: FloatArray, link_px: float) -> BoolArray:
+    """Return a mask of the points (n, 2) that are the longest chain of near ones."""
+    links = cKDTree(points_px).query_pairs(link_px, output_type="ndarray")
+    groups = components(len(points_px), links[:, 0], links[:, 1])
+    return np.asarray(groups == np.bincount(groups).argmax())
 
 
 def longest_missing(fit: EdgeFit) -> tuple[float, FloatArray] | None:
@@ -400,9 +405,7 @@ def longest_missing(fit: EdgeFit) -> tuple[float, FloatArray] | None:
     if count == 0 or 2 * count > int(fit.edges.on_outline.sum()):
         return None
     # an outline's samples lie high and low along the rim of one hole, and side by side in a picture
-    links = cKDTree(edges.pixels).query_pairs(LINK_PX, output_type="ndarray")
-    groups = components(count, links[:, 0], links[:, 1])
-    longest = groups == np.bincount(groups).argmax()
+    longest = _longest(edges.pixels, LINK_PX)
     length_mm = float(longest.sum()) * edges.step_mm
     if length_mm <= ALONE_MM:
         return None

@@ -105,7 +105,7 @@ class Control:
             first_motion=None,
             question=_question(self._desk),
             alarms=(),
-            holder=_holder(self._holder),
+            holder=words.HolderReply.of(self._holder),
         )
 
     def _standing(self, found: CellStatus) -> words.StatusReply:
@@ -127,7 +127,7 @@ class Control:
             first_motion=_motion(found.first),
             question=_question(self._desk),
             alarms=(found.alarm,) if found.alarm else (),
-            holder=_holder(self._holder),
+            holder=words.HolderReply.of(self._holder),
             barred=found.barred,
             signals=dict(found.signals),
             recipe=found.recipe,
@@ -264,17 +264,6 @@ def _question(desk: Desk) -> words.QuestionReply | None:
             for c in open_.question.choices
         ),
         entry=open_.question.entry,
-    )
-
-
-def _holder(holder: Holder) -> words.HolderReply:
-    return words.HolderReply(
-        run=holder.run,
-        user=holder.user,
-        host=holder.host,
-        pid=holder.pid,
-        since=holder.since,
-        control=holder.control,
     )
 
 

@@ -101,9 +101,8 @@ class HeldPose:
         PartFaultError : the part is held otherwise than planned, or not seen in the gripper
         """
         part = self.record.part
-        free = part.free_turn
-        is_turn_shown = free is not None and found.evaluated and found.is_turn_known
-        is_turn_new = is_turn_shown and free is not None and not free.is_shown
+        free = part.free_turn if found.evaluated and found.is_turn_known else None
+        is_turn_new = free is not None and not free.is_shown
         T_world_part, was_known = found.T_world_part, hold.is_measured and not is_turn_new
         if not found.evaluated:
             T_searched = await self._search(shown, hold, found.reason)
@@ -113,7 +112,7 @@ class HeldPose:
         hold.unconfirmed_count = 0
         measured = inverse_pose(T_world_part) @ tcp_pose(self.layout, shown.q)
         shift_mm, turn_rad = _difference(measured, hold.T_part_tcp)
-        if is_turn_shown and free is not None:
+        if free is not None:
             part.free_turn = free.shown(turn_rad)
         if was_known and not is_held_otherwise(shift_mm, turn_rad):
             return
