@@ -25,14 +25,14 @@ KNOWN = np.diag([0.02] * 3 + [0.0003] * 3) ** 2  # a pose as well known as a fit
 
 def edge_views(
     body: Body,
-    looks: tuple[tuple[float, float], ...],
+    looks: tuple[tuple[float, ...], ...],
     holder: Callable[[Array], tuple[WorldBox, ...]] = hand,
     grasp: str = "",
 ) -> list[PosedView]:
-    """Views of a real body, turned and tilted [deg], before the panel and under every lamp."""
+    """Views of a real body, turned, tilted, spun [deg], before the panel and under every lamp."""
     views = []
-    for number, (turn, tilt) in enumerate(looks):
-        T = shown(turn, tilt)
+    for number, look in enumerate(looks):
+        T = shown(*look)
         pictures = photograph(body, T, holder(T))
         views.append(PosedView(task(T, holder(T), f"{grasp}v{number}"), pictures, T, KNOWN))
     return views

@@ -26,7 +26,7 @@ LIMITS = InspectionLimits(smallest_defect_mm=3.0, dust_mm=0.5)
 def evidence(
     nominal: PosedPart,
     body: Body,
-    looks: tuple[tuple[float, float], ...],
+    looks: tuple[tuple[float, ...], ...],
     limits: InspectionLimits = LIMITS,
 ) -> EdgeEvidence:
     samples = sample_surface(nominal.solid, spacing_mm=0.5)
@@ -438,6 +438,42 @@ def test_two_rims_without_light_between_them_show_no_wall() -> None:
     # the cross bore opens to both sides, and no view looks through it
     wall = next(f.id for f in part().solid.faces if f.concave and abs(f.radius_mm - 3) < 0.1)
     assert not of_perfect().faces[wall].is_verified
+
+
+def crossed() -> Body:
+    """A tube along y with a hole in its front, 4 mm below its end."""
+    tube = (rod(11, 40, 96) - rod(6, 60, 96)).rotate((90, 0, 0))
+    return tube - rod(2.5, 30, 64).translate((0, 16, 15))
+
+
+@cache
+def of_crossed(*plugs: Body) -> FaceEdges:
+    """Its hole's wall: light passes in one view alone, slantwise past the tube's end."""
+    nominal = PosedPart(solid_of(crossed(), "crossed"))
+    rims = ((20.0, 25.0), (-20.0, 20.0), (0.0, 120.0), (0.0, 140.0, 20.0))
+    inner = ((0.0, 125.0, 35.0), (0.0, 125.0, -35.0))
+    body = sum(plugs, crossed())
+    found = evidence(nominal, body, ((0.0, -14.0), *rims, *inner))
+    return found.faces[next(f.id for f in nominal.solid.faces if abs(f.radius_mm - 2.5) < 0.1)]
+
+
+CROSS_WEB = rod(2.5, 1, 48).translate((0, 16, 9))
+NOT_DRILLED = {
+    "web": CROSS_WEB,
+    "half web": CROSS_WEB ^ box(2.5, 10, 30).translate((1.25, 16, 9)),
+    "not through": rod(2.5, 2, 48).translate((0, 16, 6.5)),
+}
+
+
+def test_a_hole_that_ends_in_a_bore_is_shown_by_light_past_the_bores_end_and_both_rims() -> None:
+    wall = of_crossed()
+    assert wall.is_verified
+    assert wall.share > 0.8
+
+
+@pytest.mark.parametrize("plug", NOT_DRILLED.values(), ids=NOT_DRILLED)
+def test_a_hole_that_does_not_reach_the_bore_is_not_shown(plug: Body) -> None:
+    assert not of_crossed(plug).is_verified
 
 
 KEYWAY_TOP = 12.0

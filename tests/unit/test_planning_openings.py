@@ -28,7 +28,7 @@ from controller.planning.planner.prepare import without_short
 from controller.planning.views import (
     VisibilityRules,
     by_element,
-    directions_to_floors,
+    directions_to_openings,
     find_openings,
     holding_boxes,
     lit_from,
@@ -118,12 +118,52 @@ def test_a_deep_bore_gets_directions_of_its_own_to_its_floor() -> None:
     eyes = deep.centroid_mm + AWAY_MM * few
     assert not by_element(openings, lit_from(openings, caster, eyes)).any()
     rules = replace(VisibilityRules.of_station(LAYOUT, 70.0), distance_mm=AWAY_MM)
-    added = directions_to_floors(openings, deep, caster, few, rules)
+    added = directions_to_openings(openings, deep, caster, few, rules)
     assert len(added)
     eyes = deep.centroid_mm + AWAY_MM * added
     assert by_element(openings, lit_from(openings, caster, eyes)).all()
     # what is shown already gets none
-    assert not len(directions_to_floors(openings, deep, caster, added, rules))
+    assert not len(directions_to_openings(openings, deep, caster, added, rules))
+
+
+# a cross hole of 4.2 mm, 4 mm below the top of a tube: light that comes in over the far rim of the
+# tube falls by 4 - 2.1 mm at least on the 12 mm or less to the hole
+TUBE_MM, WALL_MM, CROSS_MM, BELOW_MM = 6.0, 12.0, 2.1, 4.0
+LEAST_RAD = np.arctan((BELOW_MM - CROSS_MM) / (2 * TUBE_MM))
+TUBE = solid_of(
+    rod(WALL_MM, 40.0, 96)
+    - rod(TUBE_MM, 60.0, 96)
+    - rod(CROSS_MM, 30.0, 64).rotate((0, 90, 0)).translate((15, 0, 20.0 - BELOW_MM)),
+    "tube",
+)
+(CROSS,) = (f for f in walls(TUBE) if abs(TUBE.faces[f].axis[0]) > 0.9)
+
+
+def cross_sectors(directions: FloatArray) -> int:
+    """Return how many sectors of the cross hole some directions (v, 3) to the camera show."""
+    openings = find_openings(TUBE)
+    lit = lit_from(openings, RayCaster(TUBE.mesh), TUBE.centroid_mm + AWAY_MM * directions)
+    return int(by_element(openings, lit)[:, openings.faces == CROSS].any(axis=0).sum())
+
+
+def test_light_along_a_bore_shows_nothing_of_a_hole_across_it() -> None:
+    # the rim of the hole is a saddle, of which two ends stick out into the light
+    tilt = np.radians(np.arange(0.0, 16.0, 3.0))
+    along = np.column_stack([np.sin(tilt), 0 * tilt, np.cos(tilt)])
+    assert cross_sectors(along * [-1, 1, 1]) == cross_sectors(along) == 0
+
+
+def test_a_hole_that_ends_in_a_bore_gets_directions_in_which_light_passes_it() -> None:
+    along = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    few = np.vstack([along, [[1.0, 0.0, 0.0], [0.8, 0.0, 0.6]]])
+    assert cross_sectors(few) == 0
+    caster, openings = RayCaster(TUBE.mesh), find_openings(TUBE)
+    rules = replace(VisibilityRules.of_station(LAYOUT, 70.0), distance_mm=AWAY_MM)
+    added = directions_to_openings(openings, TUBE, caster, few, rules)
+    assert cross_sectors(added) > 0.5 * 12
+    to_eye = TUBE.centroid_mm + AWAY_MM * added - [WALL_MM, 0.0, 20.0 - BELOW_MM]
+    slope = np.arctan2(np.abs(to_eye[:, 2]), np.hypot(to_eye[:, 0], to_eye[:, 1]))
+    assert (slope > 0.9 * LEAST_RAD).all()  # 4 of 360 mm wide, it is no point
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

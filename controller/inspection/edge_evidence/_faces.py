@@ -19,9 +19,9 @@ from ._looks import EdgeLook, EdgeLooks, State
 TWO: Final = 2  # least number of pictures from which an edge must be missing
 THREE: Final = 3  # the same for an edge shorter than the smallest defect
 GREATER_PART: Final = 0.5  # least share of a face's edges that must be in place
-# Where a gripper hides the rest of a bore: least share of its rims at which light must end, and
-# least share of these, and of each whole rim, in place. A web, or a bore not drilled through, takes
-# all the light; one blocked in part moves its border off the rim.
+# Where a gripper or the part itself hides the rest of a bore: least share round it at which light
+# must end, and least share of these places, and of each whole rim, in place. A web, or a bore not
+# drilled through, takes all the light; one blocked in part moves its border off the rim.
 OPEN_PART: Final = 0.25
 ALL_ROUND: Final = 0.8
 CHANCE: Final = 0.1  # largest share of an edge in place by texture alone
@@ -131,10 +131,11 @@ def prove_faces(
 
     The wall of a through hole is verified by the light through it, since both rims may be in place
     with a web between them; where another hollow cuts the wall, by the light along all its pieces.
-    Where a gripper hides a part of the light in all views, both rims have
-    to be in place all round, each place in any picture. The wall of a blind hole is verified by its
-    rim, once the floor is shown to be deeper than half. Any other narrow face is verified by its
-    edges, in pictures in which the smallest defect would have moved them.
+    Where a gripper hides a part of the light in all views, or the far side of a bore that the hole
+    leads to, both rims have to be in place all round, each place in any picture. The wall of a
+    blind hole is verified by its rim, once the floor is shown to be deeper than half. Any other
+    narrow face is verified by its edges, in pictures in which the smallest defect would have moved
+    them.
 
     Parameters
     ----------
@@ -167,7 +168,8 @@ def prove_faces(
             why = say(
                 "light through it is shown at {percent:.0f} % of its rims", percent=100 * share
             )
-            round_ = _beside_light(edges, looks, rims, held, face) if recess is not None else 0.0
+            is_partly_open = recess is not None and share >= OPEN_PART
+            round_ = _beside_light(edges, looks, rims, held, face) if is_partly_open else 0.0
             if not how and round_ >= ALL_ROUND:
                 share, how = (
                     round_,
@@ -339,7 +341,7 @@ def _by_light(edges: PartEdges, looks: Sequence[EdgeLook], rim: _Rim, face: int)
         one & (look.state == State.IN_PLACE)[:, None]
         for one, look in zip(must, looks, strict=True)
     ])  # fmt: skip
-    shown = confirmed(looks, np.asarray(light.any(axis=2)))
+    shown = _ends(looks, [one.any(axis=1) for one in must])
     there, side = np.nonzero(light.any(axis=0) & shown[:, None])
     is_dark = np.any(must, axis=(0, 2)) & ~shown
     flat = edges.points_mm - (edges.points_mm @ rim.axis)[:, None] * rim.axis
@@ -347,6 +349,15 @@ def _by_light(edges: PartEdges, looks: Sequence[EdgeLook], rim: _Rim, face: int)
     near = cdist(flat[rim.own], flat[there]) <= BESIDE * edges.length_mm[rim.own, None]
     is_wall = normals @ edges.normals[there, side].T >= IN_LINE
     return _share(edges, rim.own, (near & is_wall).any(axis=1) & ~is_dark[rim.own])
+
+
+def _ends(looks: Sequence[EdgeLook], must: Sequence[BoolArray]) -> BoolArray:
+    """Return a mask (n,) of edge points at which light ends, where it must in some pictures (n,).
+
+    What pictures under lamps show of an edge says nothing of the light that passes it.
+    """
+    light = [look.only(one) for look, one in zip(looks, must, strict=True)]
+    return confirmed(light, np.stack([look.state == State.IN_PLACE for look in light]))
 
 
 def _passes(look: EdgeLook, around: IndexArray) -> BoolArray:
@@ -387,25 +398,16 @@ def _beside_light(
 
     Returns
     -------
-    share : that of the worse rim; 0 where too little light is in sight, or it ends off the rims
+    share : that of the worse rim; 0 where too much of the light ends off the rims
     """
     is_wall = edges.faces == face
     own = np.concatenate([rim.own for rim in rims])
-    through = [(look.light_through & is_wall).any(axis=1) for look in looks]
-    must = np.any(
-        [one & (look.state != State.HIDDEN) for one, look in zip(through, looks, strict=True)],
-        axis=0,
-    )
-    ends = confirmed(
-        looks,
-        np.stack([
-            one & (look.state == State.IN_PLACE) for one, look in zip(through, looks, strict=True)
-        ]),
-    )  # fmt: skip
-    if _share(edges, own, must[own]) < OPEN_PART:
-        return 0.0
-    in_sight = own[must[own]]
-    if _share(edges, in_sight, ends[in_sight]) < ALL_ROUND:
+    through = [
+        (look.light_through & is_wall).any(axis=1) & (look.state != State.HIDDEN) for look in looks
+    ]
+    in_sight = own[np.any(through, axis=0)[own]]
+    ends = _ends(looks, through)
+    if not len(in_sight) or _share(edges, in_sight, ends[in_sight]) < ALL_ROUND:
         return 0.0
     return min(_share(edges, rim.own, held[rim.own]) for rim in rims)
 

@@ -5,7 +5,7 @@ Directions are unit vectors in the part frame from its centre of mass to the cam
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,6 +68,15 @@ class BoreOpenings:
     def is_floor(self) -> BoolArray:
         """Mask (k,) of the places above floors."""
         return np.asarray(self.axes.any(axis=1))
+
+    def only(self, places: BoolArray) -> BoreOpenings:
+        """Return the openings with some of their places (k,) alone; elements keep their numbers."""
+        return replace(
+            self,
+            element=self.element[places],
+            points_mm=self.points_mm[places],
+            axes=self.axes[places],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

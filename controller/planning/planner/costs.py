@@ -26,6 +26,7 @@ MIN_SURE = 0.9  # success rate of a grasp with score 0; one with score 1 does no
 TRAVEL_S = 2.0  # mean time from one view to the next; their order is decided afterwards
 FINISH_S = 10.0  # time of sorting, much the same from every grasp
 UNSTEADY_S = 60.0  # time worth spending so that the part does not fall over in its tray
+ROUNDING = 1e-9  # of shares: six of twelve sectors are a half and no more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,8 +235,10 @@ def worthwhile(
 
     Of the grasps of a solution those are kept, in its order, whose views show so much that the rest
     of the seconds buys it: a view of usual length `PlanOptions.least_gain` of the surface, a
-    regrasp as many times that as it takes longer. No face loses the share that a PASS needs.
-    Elements already seen are among those returned.
+    regrasp as many times that as it takes longer. No face or bore loses the share that a PASS
+    needs for want of a grasp, and no bore for want of a view. Elements already seen are among those
+    returned.
+
 
     Parameters
     ----------
@@ -245,7 +248,7 @@ def worthwhile(
     solution : of the problem; it shows all that can be shown
     """
     problem, usual_s = costs.problem, view_seconds(layout)
-    count = len(part.samples.points_mm)
+    needs = _Needs.of_part(part, len(costs.square_faces))
     surface = worth_of(part.samples, part.options)
     squares = [surface[part.samples.face_ids == face].sum() for face in costs.square_faces]
     worth = np.concatenate([surface, SQUARE_WORTH * np.array(squares), _opening_worth(part)])
@@ -257,8 +260,8 @@ def worthwhile(
         seconds = float(problem.first_s[some[0]]) + legs + float(problem.last_s[some[-1]])
         if not np.isfinite(seconds):
             continue
-        kept, view_s = _by_views(problem, worth, some, usual_s)
-        enough = _count_enough(part, kept[:count], kept[len(kept) - len(part.openings.faces) :])
+        kept, view_s = _by_views(problem, worth, needs, some, usual_s)
+        enough = int(needs.are_met(kept).sum())
         value = float(worth[kept & ~problem.seen].sum()) - (seconds + view_s) / usual_s
         if best is None or (enough, value) > best[:2]:
             best = enough, value, kept
@@ -266,17 +269,68 @@ def worthwhile(
     return best[2]
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class _Needs:
+    """Of which faces and bores a PASS needs a share, and what each element adds to it.
+
+    Attributes
+    ----------
+    of : (m,) number below n of the face or bore that each element belongs to
+    portion : (m,) its share of that
+    least : share that a PASS needs more of
+    is_bore : (n,) True for bores, which nothing but the light proves; faces have edges, too
+    """
+
+    of: IntArray
+    portion: FloatArray
+    least: float
+    is_bore: BoolArray
+
+    @classmethod
+    def of_part(cls, part: PreparedPart, square_count: int) -> _Needs:
+        """Return the needs of a part of which some faces are to be shown squarely.
+
+        Parameters
+        ----------
+        part : prepared
+        square_count : number of elements between those of surface and bores, which no PASS needs
+        """
+        count = len(part.solid.faces)
+        bores = part.openings.faces + count + 1
+        of = np.concatenate([part.samples.face_ids, np.full(square_count, count), bores])
+        area = np.concatenate([part.samples.areas_mm2, np.zeros(square_count), np.ones(len(bores))])
+        whole = np.bincount(of, area)
+        is_bore = np.arange(len(whole)) > count
+        return cls(of, area / np.maximum(whole, 1e-12)[of], part.options.face_share, is_bore)
+
+    def are_met(self, shown: BoolArray) -> BoolArray:
+        """Return a mask (n,) of the faces and bores of which elements (m,) show enough."""
+        return np.asarray(np.bincount(self.of, self.portion * shown) > self.least + ROUNDING)
+
+    def left(self, shown: BoolArray, able: BoolArray) -> FloatArray:
+        """Return what each element (m,) adds to bores that are short, and could be shown enough of.
+
+        Parameters
+        ----------
+        shown, able : (m,) elements that are shown, and that can be
+        """
+        short = self.is_bore & self.are_met(able) & ~self.are_met(shown)
+        return np.where(shown, 0.0, self.portion * short[self.of])
+
+
 def _by_views(
-    problem: Problem, worth: FloatArray, grasps: Sequence[int], usual_s: float
+    problem: Problem, worth: FloatArray, needs: _Needs, grasps: Sequence[int], usual_s: float
 ) -> tuple[BoolArray, float]:
     """Return the elements (m,) that worthwhile views under some grasps show, and their seconds.
 
-    The views are taken greedily, the largest worth a second first.
+    The views are taken greedily, the largest worth a second first, then those that show more of
+    bores that are short of a PASS.
 
     Parameters
     ----------
     problem : with the views of each grasp
     worth : (m,) worth of each element, in views of usual length
+    needs : of a PASS
     grasps : numbers of grasps; repeats count once
     usual_s : length of such a view [s]
     """
@@ -284,35 +338,18 @@ def _by_views(
     rows = np.vstack([problem.shows[g] for g in some]).astype(np.float32)
     views = np.concatenate([problem.view_s[g] for g in some]) / usual_s
     kept, taken = problem.seen.copy(), 0.0
+    able = kept | (rows > 0.0).any(axis=0)
     while len(rows):
         gain = rows @ np.where(kept, 0.0, worth).astype(np.float32) / views
         best = int(np.argmax(gain))
         if not gain[best] >= 1.0:
-            break
+            gain = rows @ needs.left(kept, able).astype(np.float32) / views
+            best = int(np.argmax(gain))
+            if not gain[best] > 0.0:
+                break
         kept |= rows[best] > 0.0
         taken += float(views[best])
     return kept, taken * usual_s
-
-
-def _count_enough(part: PreparedPart, shown: BoolArray, is_open: BoolArray) -> int:
-    """Return the number of faces and bores of which a PASS gets the share that it needs.
-
-    Parameters
-    ----------
-    part : prepared
-    shown, is_open : samples (n,) and elements of bores (e,) that are shown
-    """
-    samples, bores, least = part.samples, part.openings.faces, part.options.face_share
-    count = len(part.solid.faces)
-    found = 0
-    for faces, areas, has in (
-        (samples.face_ids, samples.areas_mm2, shown),
-        (bores, np.ones(len(bores)), is_open),
-    ):
-        whole = np.bincount(faces, areas, count)
-        some = np.bincount(faces[has], areas[has], count)
-        found += int(((whole > 0.0) & (some >= least * whole)).sum())
-    return found
 
 
 def _opening_worth(part: PreparedPart) -> FloatArray:

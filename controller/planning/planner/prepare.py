@@ -39,7 +39,7 @@ from ..regrasps import clear_hand_offs, hand_offs, rests, set_downs
 from ..views import (
     VisibilityRules,
     by_element,
-    directions_to_floors,
+    directions_to_openings,
     eyes_of,
     find_openings,
     hidden_by_gripper,
@@ -121,7 +121,7 @@ def prepare_part(
         )
         by = make_counted(solid, samples, counted, probes, caster, rules, visibility_table)
     openings = find_openings(solid)
-    vectors = directions_to_floors(
+    vectors = directions_to_openings(
         openings, solid, caster, visibility_table.directions.vectors, rules
     )
     visibility_table = with_directions(visibility_table, vectors, solid, samples, caster, rules)

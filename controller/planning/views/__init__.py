@@ -8,7 +8,7 @@ from ._poses import Showing, hold_up, view_poses
 from ._reach import GraspViews, reachable_views
 from .counting import CameraSight, Counter, nearest_on_face
 from .gripper import hidden_by_gripper, holding_boxes
-from .light import by_element, directions_to_floors, find_openings, lit_from, lit_past
+from .light import by_element, directions_to_openings, find_openings, lit_from, lit_past
 from .visibility import (
     VisibilityRules,
     candidate_directions,
@@ -36,7 +36,7 @@ __all__ = [
     "by_element",
     "candidate_directions",
     "directions_into_wedges",
-    "directions_to_floors",
+    "directions_to_openings",
     "even_sphere",
     "eyes_of",
     "find_openings",

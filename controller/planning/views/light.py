@@ -12,15 +12,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, square_to
+from controller.arrays import BoolArray, FloatArray, IntArray, square_to
 from controller.cad import Crease, Face, Solid
 from controller.imaging import RayCaster, inverse_pose, transform
 
 from ..geometry import Box, segments_hit
 from ..model import BoreOpenings
 from .gripper import FINGER_SHADOW_MM
-from .visibility import VisibilityRules, eyes_of
+from .visibility import VisibilityRules, even_sphere, eyes_of
 
+SEARCHED_COUNT = 4096  # directions of the whole sphere: 3 degrees apart
 SECTOR_COUNT = 12  # places round a rim; more than half of them prove a bore
 FLOOR_COUNT = 3  # places of a floor's edge in one view: a quarter of it, to fit its height to
 INSET_MM = 0.5  # some three pixels: so wide must the light beside a rim be
@@ -31,7 +32,10 @@ BEHIND_MM = 250.0  # how far behind the part something may stand in the light
 MIN_TILT_RAD = float(np.radians(10.0))
 MAX_TILT_RAD = float(np.radians(25.0))  # enough, where the bore is wide
 AIM = 0.5  # share of a floor's width that a view made for it sees past the mouth
+ASKED_VIEWS = 2  # directions of each element: one may be lost to a finger or a joint limit
 WAY_COUNT = 4  # directions round the axis that are tried for a floor
+# Farthest off a bore's axis that light is looked for: beyond it no bore longer than wide has any.
+MAX_THROUGH_RAD = float(np.radians(45.0))
 
 
 def find_openings(solid: Solid) -> BoreOpenings:
@@ -65,7 +69,7 @@ def find_openings(solid: Solid) -> BoreOpenings:
         faces += [face.id] * SECTOR_COUNT
         needed += [1] * SECTOR_COUNT
         for ring in mouths:
-            points.append(_inside(face, ring))
+            points.append(_inside(face, _at_wall(face, ring, np.vstack(mouths))))
             elements.append(first + np.arange(SECTOR_COUNT))
             axes.append(np.zeros((SECTOR_COUNT, 3)))
     return BoreOpenings(
@@ -136,14 +140,14 @@ def by_element(openings: BoreOpenings, lit: BoolArray) -> BoolArray:
     return np.asarray(shown >= openings.needed)
 
 
-def directions_to_floors(
+def directions_to_openings(
     openings: BoreOpenings,
     solid: Solid,
     caster: RayCaster,
     vectors: FloatArray,
     rules: VisibilityRules,
 ) -> FloatArray:
-    """Return directions (k, 3) for the floors that fewer than two of some directions show.
+    """Return directions (k, 3) for what fewer than two of some directions show of bores.
 
     Parameters
     ----------
@@ -153,23 +157,85 @@ def directions_to_floors(
     rules : distance of the camera from the centre of mass
     """
     shown = by_element(openings, lit_from(openings, caster, eyes_of(solid, vectors, rules)))
-    added: list[FloatArray] = []
-    for element in np.flatnonzero((openings.needed > 1) & (shown.sum(axis=0) < 2)).tolist():
-        places = np.flatnonzero(openings.element == element)
-        axis, ring = openings.axes[places[0]], openings.points_mm[places]
-        middle = ring.mean(axis=0)
-        width = 2.0 * float(np.linalg.norm(ring - middle, axis=1).mean())
-        wall = solid.mesh.triangles[solid.face_of_triangle == openings.faces[element]]
-        depth = float(((wall.reshape(-1, 3) - middle) @ axis).max())
-        tilt = float(np.clip(np.arctan(AIM * width / depth), MIN_TILT_RAD * 1.1, MAX_TILT_RAD))
-        for side in _around(axis, np.arange(WAY_COUNT) * 2.0 * np.pi / WAY_COUNT):
-            eye = middle + rules.distance_mm * (np.cos(tilt) * axis + np.sin(tilt) * side)
-            added.append((eye - solid.centroid_mm) / np.linalg.norm(eye - solid.centroid_mm))
-    if not added:
-        return np.zeros((0, 3))
-    found = np.stack(added)
-    lit = lit_from(openings, caster, eyes_of(solid, found, rules))
-    return found[by_element(openings, lit)[:, openings.needed > 1].any(axis=1)]
+    count = shown.sum(axis=0)
+    most = np.where(openings.needed > 1, WAY_COUNT, ASKED_VIEWS)
+    wanted = np.where(count < ASKED_VIEWS, most - count, 0)
+    added = [np.zeros((0, 3))]
+    for face in np.unique(openings.faces[wanted > 0]).tolist():
+        elements = np.flatnonzero(openings.faces == face)
+        places = np.isin(openings.element, elements)
+        middle = _middle(openings.points_mm[places])
+        if openings.is_floor[places].any():
+            ways = _ways_to_floor(openings, solid, face, places)
+        else:
+            ways = even_sphere(SEARCHED_COUNT)
+            ways = ways[np.abs(ways @ solid.faces[face].axis) >= np.cos(MAX_THROUGH_RAD)]
+        found = middle + rules.distance_mm * ways - solid.centroid_mm
+        found /= np.linalg.norm(found, axis=1)[:, None]
+        mine = openings.only(places)
+        lit = by_element(mine, lit_from(mine, caster, eyes_of(solid, found, rules)))
+        added.append(found[_fewest(lit[:, elements], wanted[elements])])
+    return np.concatenate(added)
+
+
+def _fewest(shows: BoolArray, wanted: IntArray) -> list[int]:
+    """Return the views (k) that show elements (e) as often as wanted, or as can be.
+
+    Parameters
+    ----------
+    shows : (v, e) what each view shows
+    wanted : (e,) how many views are wanted of each
+    """
+    left, taken = wanted.copy(), list[int]()
+    free = np.ones(len(shows), dtype=bool)
+    while len(shows):
+        gain = (shows & (left > 0)).sum(axis=1) * free
+        best = int(np.argmax(gain))
+        if not gain[best]:
+            break
+        taken.append(best)
+        free[best] = False
+        left -= shows[best]
+    return taken
+
+
+def _ways_to_floor(
+    openings: BoreOpenings, solid: Solid, face: int, places: BoolArray
+) -> FloatArray:
+    """Return the directions (k, 3) from which a floor's edge should show past its mouth.
+
+    Parameters
+    ----------
+    openings, solid : of the part
+    face : wall of the bore
+    places : (p,) True for those above its floor
+    """
+    ring = openings.points_mm[places]
+    axis = openings.axes[places][0]
+    middle = ring.mean(axis=0)
+    width = 2.0 * float(np.linalg.norm(ring - middle, axis=1).mean())
+    wall = solid.mesh.triangles[solid.face_of_triangle == face].reshape(-1, 3)
+    depth = float(((wall - middle) @ axis).max())
+    tilt = float(np.clip(np.arctan(AIM * width / depth), MIN_TILT_RAD * 1.1, MAX_TILT_RAD))
+    sides = _around(axis, np.arange(WAY_COUNT) * 2.0 * np.pi / WAY_COUNT)
+    return np.asarray(np.cos(tilt) * axis + np.sin(tilt) * sides)
+
+
+def _at_wall(face: Face, ring: FloatArray, mouths: FloatArray) -> FloatArray:
+    """Return a rim (n, 3) as far inside as its wall goes all round: saddles become level.
+
+    Light that passes a saddle alone need not have passed the bore.
+
+    Parameters
+    ----------
+    face : wall of the bore
+    ring : (n, 3) one of its rims
+    mouths : (m, 3) both
+    """
+    levels = ring @ face.axis
+    middle = 0.5 * float((mouths @ face.axis).min() + (mouths @ face.axis).max())
+    level = levels.max() if levels.mean() < middle else levels.min()
+    return np.asarray(ring + (level - levels)[:, None] * face.axis)
 
 
 def _middle(ring: FloatArray) -> FloatArray:
