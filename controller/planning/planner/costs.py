@@ -239,7 +239,6 @@ def worthwhile(
     needs for want of a grasp, and no bore for want of a view. Elements already seen are among those
     returned.
 
-
     Parameters
     ----------
     costs : the problem, and what its numbers stand for
