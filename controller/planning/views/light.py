@@ -19,9 +19,8 @@ from controller.imaging import RayCaster, inverse_pose, transform
 from ..geometry import Box, segments_hit
 from ..model import BoreOpenings
 from .gripper import FINGER_SHADOW_MM
-from .visibility import VisibilityRules, even_sphere, eyes_of
+from .visibility import SEARCHED_COUNT, VisibilityRules, even_sphere, eyes_of
 
-SEARCHED_COUNT = 4096  # directions of the whole sphere: 3 degrees apart
 SECTOR_COUNT = 12  # places round a rim; more than half of them prove a bore
 # Places of a floor's edge in one view: a third of it, to fit its height to. Where a view at 32
 # degrees showed three, of a bore of 4 x 5 mm, its picture had 4 points of 33.
@@ -70,8 +69,9 @@ def find_openings(solid: Solid) -> BoreOpenings:
             continue
         faces += [face.id] * SECTOR_COUNT
         needed += [1] * SECTOR_COUNT
+        wall = _wall(solid, face.id)
         for ring in mouths:
-            points.append(_inside(face, _at_wall(face, ring, np.vstack(mouths))))
+            points.append(_inside(face, _at_wall(face, ring, wall)))
             elements.append(first + np.arange(SECTOR_COUNT))
             axes.append(np.zeros((SECTOR_COUNT, 3)))
     return BoreOpenings(
@@ -216,14 +216,13 @@ def _ways_to_floor(
     axis = openings.axes[places][0]
     middle = ring.mean(axis=0)
     width = 2.0 * float(np.linalg.norm(ring - middle, axis=1).mean())
-    wall = solid.mesh.triangles[solid.face_of_triangle == face].reshape(-1, 3)
-    depth = float(((wall - middle) @ axis).max())
+    depth = float(((_wall(solid, face) - middle) @ axis).max())
     tilt = float(np.clip(np.arctan(AIM * width / depth), MIN_TILT_RAD * 1.1, MAX_TILT_RAD))
     sides = _around(axis, np.arange(WAY_COUNT) * 2.0 * np.pi / WAY_COUNT)
     return np.asarray(np.cos(tilt) * axis + np.sin(tilt) * sides)
 
 
-def _at_wall(face: Face, ring: FloatArray, mouths: FloatArray) -> FloatArray:
+def _at_wall(face: Face, ring: FloatArray, wall: FloatArray) -> FloatArray:
     """Return a rim (n, 3) as far inside as its wall goes all round: saddles become level.
 
     Light that passes a saddle alone need not have passed the bore.
@@ -232,12 +231,20 @@ def _at_wall(face: Face, ring: FloatArray, mouths: FloatArray) -> FloatArray:
     ----------
     face : wall of the bore
     ring : (n, 3) one of its rims
-    mouths : (m, 3) both
+    wall : (m, 3) corners of its triangles
     """
-    levels = ring @ face.axis
-    middle = 0.5 * float((mouths @ face.axis).min() + (mouths @ face.axis).max())
-    level = levels.max() if levels.mean() < middle else levels.min()
-    return np.asarray(ring + (level - levels)[:, None] * face.axis)
+    levels, along = ring @ face.axis, wall @ face.axis
+    middle = 0.5 * float(along.min() + along.max())  # of a bore cut off aslant, no farther
+    if levels.mean() < middle:
+        inside = np.maximum(levels, min(levels.max(), middle))
+    else:
+        inside = np.minimum(levels, max(levels.min(), middle))
+    return np.asarray(ring + (inside - levels)[:, None] * face.axis)
+
+
+def _wall(solid: Solid, face: int) -> FloatArray:
+    """Return the corners (m, 3) of a face's triangles."""
+    return np.asarray(solid.mesh.triangles[solid.face_of_triangle == face].reshape(-1, 3))
 
 
 def _middle(ring: FloatArray) -> FloatArray:

@@ -1,6 +1,7 @@
 """Visibility of the bare part from each direction, on the table, and reasons for the rest."""
 
 from ._directions import (
+    SEARCHED_COUNT,
     candidate_directions,
     directions_into_wedges,
     even_sphere,
@@ -16,6 +17,7 @@ from ._visible import eyes_of, free_pairs, visible_from
 
 __all__ = [
     "PICTURE_MARGIN_PX",
+    "SEARCHED_COUNT",
     "VisibilityRules",
     "candidate_directions",
     "directions_into_wedges",

@@ -33,7 +33,7 @@ SAME_RAD = np.radians(3.0)
 # on, as the hold is known to two degrees.
 ALIKE_RAD = np.radians(1.0)
 WEDGE_RAD = np.radians(0.2)  # the same for two lines through narrow wedges
-SEARCHED_COUNT = 4096
+SEARCHED_COUNT = 4096  # directions of the whole sphere: 3 degrees apart
 MIN_SEARCHED_COUNT = 512
 RAY_COUNT = 1_000_000
 # Directions wanted for a spot; a single one may be lost to a finger or a joint limit.
