@@ -168,13 +168,11 @@ def prove_faces(
             why = say(
                 "light through it is shown at {percent:.0f} % of its rims", percent=100 * share
             )
-            is_partly_open = recess is not None and share >= OPEN_PART
-            round_ = _beside_light(edges, looks, rims, held, face) if is_partly_open else 0.0
-            if not how and round_ >= ALL_ROUND:
-                share, how = (
-                    round_,
-                    key("of its rims, by the light through the part of it in sight,"),
-                )
+            if not how and recess is not None and share >= OPEN_PART:
+                round_ = _beside_light(edges, looks, rims, held, face)
+                if round_ >= ALL_ROUND:
+                    share = round_
+                    how = key("of its rims, by the light through the part of it in sight,")
         elif recess is not None and not recess.is_through:
             share, how, why = _blind(edges, looks, face, floors[recess.walls])
         is_hole = solid.faces[face].concave and solid.faces[face].kind != "cone"

@@ -26,7 +26,6 @@ MIN_SURE = 0.9  # success rate of a grasp with score 0; one with score 1 does no
 TRAVEL_S = 2.0  # mean time from one view to the next; their order is decided afterwards
 FINISH_S = 10.0  # time of sorting, much the same from every grasp
 UNSTEADY_S = 60.0  # time worth spending so that the part does not fall over in its tray
-ROUNDING = 1e-9  # of shares: six of twelve sectors are a half and no more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,7 +249,8 @@ def worthwhile(
     needs = _Needs.of_part(part, len(costs.square_faces))
     surface = worth_of(part.samples, part.options)
     squares = [surface[part.samples.face_ids == face].sum() for face in costs.square_faces]
-    worth = np.concatenate([surface, SQUARE_WORTH * np.array(squares), _opening_worth(part)])
+    openings = 1.0 / (PORTION * needs.least * needs.whole[needs.of[needs.is_bore[needs.of]]])
+    worth = np.concatenate([surface, SQUARE_WORTH * np.array(squares), openings])
     best: tuple[int, float, BoolArray] | None = None
     grasps = solution.grasps
     for mask in range(1, 2 ** len(grasps)):
@@ -275,13 +275,15 @@ class _Needs:
     Attributes
     ----------
     of : (m,) number below n of the face or bore that each element belongs to
-    portion : (m,) its share of that
+    size : (m,) of each element: its area, or 1 for one of a bore
+    whole : (n,) of each face or bore: the sum of these
     least : share that a PASS needs more of
     is_bore : (n,) True for bores, which nothing but the light proves; faces have edges, too
     """
 
     of: IntArray
-    portion: FloatArray
+    size: FloatArray
+    whole: FloatArray
     least: float
     is_bore: BoolArray
 
@@ -297,14 +299,13 @@ class _Needs:
         count = len(part.solid.faces)
         bores = part.openings.faces + count + 1
         of = np.concatenate([part.samples.face_ids, np.full(square_count, count), bores])
-        area = np.concatenate([part.samples.areas_mm2, np.zeros(square_count), np.ones(len(bores))])
-        whole = np.bincount(of, area)
-        is_bore = np.arange(len(whole)) > count
-        return cls(of, area / np.maximum(whole, 1e-12)[of], part.options.face_share, is_bore)
+        size = np.concatenate([part.samples.areas_mm2, np.zeros(square_count), np.ones(len(bores))])
+        whole = np.bincount(of, size).astype(np.float64)
+        return cls(of, size, whole, part.options.face_share, np.arange(len(whole)) > count)
 
     def are_met(self, shown: BoolArray) -> BoolArray:
         """Return a mask (n,) of the faces and bores of which elements (m,) show enough."""
-        return np.asarray(np.bincount(self.of, self.portion * shown) > self.least + ROUNDING)
+        return np.asarray(np.bincount(self.of, self.size * shown) > self.least * self.whole)
 
     def left(self, shown: BoolArray, able: BoolArray) -> FloatArray:
         """Return what each element (m,) adds to bores that are short, and could be shown enough of.
@@ -314,7 +315,10 @@ class _Needs:
         shown, able : (m,) elements that are shown, and that can be
         """
         short = self.is_bore & self.are_met(able) & ~self.are_met(shown)
-        return np.where(shown, 0.0, self.portion * short[self.of])
+        (more,) = np.nonzero(~shown & short[self.of])
+        out = np.zeros(len(shown))
+        out[more] = self.size[more] / self.whole[self.of[more]]
+        return out
 
 
 def _by_views(
@@ -349,13 +353,6 @@ def _by_views(
         kept |= rows[best] > 0.0
         taken += float(views[best])
     return kept, taken * usual_s
-
-
-def _opening_worth(part: PreparedPart) -> FloatArray:
-    """Return the worth of each element of a bore (e,), in views of usual length."""
-    bores = part.openings.faces
-    enough = PORTION * part.options.face_share * np.bincount(bores)
-    return np.asarray(1.0 / enough[bores])
 
 
 def _squares(

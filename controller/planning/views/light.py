@@ -12,14 +12,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, IntArray, square_to
+from controller.arrays import BoolArray, FloatArray, square_to
 from controller.cad import Crease, Face, Solid
 from controller.imaging import RayCaster, inverse_pose, transform
 
 from ..geometry import Box, segments_hit
 from ..model import BoreOpenings
 from .gripper import FINGER_SHADOW_MM
-from .visibility import SEARCHED_COUNT, VisibilityRules, even_sphere, eyes_of
+from .visibility import SEARCHED_COUNT, VisibilityRules, even_sphere, eyes_of, helping_most
 
 SECTOR_COUNT = 12  # places round a rim; more than half of them prove a bore
 # Places of a floor's edge in one view: a third of it, to fit its height to. Where a view at 32
@@ -35,8 +35,6 @@ MAX_TILT_RAD = float(np.radians(25.0))  # enough, where the bore is wide
 AIM = 0.5  # share of a floor's width that a view made for it sees past the mouth
 ASKED_VIEWS = 2  # directions of each element: one may be lost to a finger or a joint limit
 WAY_COUNT = 4  # directions round the axis that are tried for a floor
-# Farthest off a bore's axis that light is looked for: beyond it no bore longer than wide has any.
-MAX_THROUGH_RAD = float(np.radians(45.0))
 
 
 def find_openings(solid: Solid) -> BoreOpenings:
@@ -171,34 +169,13 @@ def directions_to_openings(
             ways = _ways_to_floor(openings, solid, face, places)
         else:
             ways = even_sphere(SEARCHED_COUNT)
-            ways = ways[np.abs(ways @ solid.faces[face].axis) >= np.cos(MAX_THROUGH_RAD)]
         found = middle + rules.distance_mm * ways - solid.centroid_mm
         found /= np.linalg.norm(found, axis=1)[:, None]
         mine = openings.only(places)
         lit = by_element(mine, lit_from(mine, caster, eyes_of(solid, found, rules)))
-        added.append(found[_fewest(lit[:, elements], wanted[elements])])
+        none_urgent = np.zeros(len(elements), dtype=bool)
+        added.append(found[helping_most(lit[:, elements], wanted[elements], none_urgent)])
     return np.concatenate(added)
-
-
-def _fewest(shows: BoolArray, wanted: IntArray) -> list[int]:
-    """Return the views (k) that show elements (e) as often as wanted, or as can be.
-
-    Parameters
-    ----------
-    shows : (v, e) what each view shows
-    wanted : (e,) how many views are wanted of each
-    """
-    left, taken = wanted.copy(), list[int]()
-    free = np.ones(len(shows), dtype=bool)
-    while len(shows):
-        gain = (shows & (left > 0)).sum(axis=1) * free
-        best = int(np.argmax(gain))
-        if not gain[best]:
-            break
-        taken.append(best)
-        free[best] = False
-        left -= shows[best]
-    return taken
 
 
 def _ways_to_floor(

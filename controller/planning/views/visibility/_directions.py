@@ -146,7 +146,7 @@ def look_out(
     search = _search(solid, few, caster, rules, base.vectors, bare)
     near = (search.vectors @ base.vectors.T).max(axis=1) > np.cos(np.radians(0.5))
     useful = search.shows.any(axis=1) & ~near
-    added = _chosen(search.shows[useful], short[hard], bare, int(MAX_ADDED * count))
+    added = helping_most(search.shows[useful], short[hard], bare, int(MAX_ADDED * count))
     vectors = search.vectors[useful][added]
     table = with_directions(table, vectors, solid, samples, caster, rules)
     best[hard] = np.maximum(best[hard], search.best_cosine)
@@ -333,16 +333,20 @@ def _standing_before(
     return np.where(met >= 0, solid.face_of_triangle[np.maximum(met, 0)], -1)
 
 
-def _chosen(shows: BoolArray, short: IntArray, bare: BoolArray, most: int) -> list[int]:
-    """Return the directions that greedily help most spots to `WANTED_COUNT`.
+def helping_most(
+    shows: BoolArray, short: IntArray, bare: BoolArray, most: int | None = None
+) -> list[int]:
+    """Return the directions that greedily help most spots to as many views as are wanted.
 
     Parameters
     ----------
     shows : (d, n)
-    short : (n,) number of further views that a sample needs
-    bare : (n,) it has none yet
-    most : directions to add for spots that have one; those that have none get theirs regardless
+    short : (n,) number of further views that a spot needs
+    bare : (n,) it has none yet, and those that have are less urgent
+    most : directions to add for spots that have one; those that have none get theirs regardless;
+        None for no limit
     """
+    most = len(shows) if most is None else most
     table = shows.astype(np.float32)
     missing = np.minimum(short, shows.sum(axis=0)).astype(np.float32)
     bare = bare & (missing > 0)
