@@ -120,7 +120,9 @@ def reconnection(reading: Reading, close: str = "") -> Requirement:
 
 
 def cancellation(
-    reading: Callable[[TestBench], Awaitable[Any]], check: Callable[[TestBench], Awaitable[None]]
+    reading: Callable[[TestBench], Awaitable[Any]],
+    check: Callable[[TestBench], Awaitable[Any]],
+    limit_s: Callable[[TestBench], float] = lambda bench: bench.bounds.answer_s,
 ) -> Requirement:
     """Return the requirement that a cancelled exchange leaves the line usable.
 
@@ -128,6 +130,7 @@ def cancellation(
     ----------
     reading : function that returns the awaitable to cancel
     check : raises `NotMetError` if the device does not answer as it should
+    limit_s : function that returns the time limit of the check
     """
 
     async def trial(bench: TestBench) -> MeasuredFigure:
@@ -137,7 +140,7 @@ def cancellation(
             with naming("after a cancellation"):
                 await check(bench)
 
-        return await cancel_often(bench, lambda: reading(bench), usable)
+        return await cancel_often(bench, lambda: reading(bench), usable, limit_s(bench))
 
     return Requirement(
         "cancellation", "A cancelled exchange ends at once and leaves the line usable.", trial

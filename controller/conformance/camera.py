@@ -144,6 +144,6 @@ REQUIREMENTS: Final = (
         _unplugged,
         cuts=True,
     ),
-    _common.cancellation(_frame, _usable),
+    _common.cancellation(_frame, _frame, _frame_limit_s),
     _common.closing("close", _read),
 )

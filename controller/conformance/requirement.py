@@ -342,7 +342,10 @@ async def require_refused(
 
 
 async def cancel_often(
-    bench: TestBench, reading: Callable[[], Awaitable[Any]], check: Callable[[], Awaitable[None]]
+    bench: TestBench,
+    reading: Callable[[], Awaitable[Any]],
+    check: Callable[[], Awaitable[None]],
+    limit_s: float,
 ) -> MeasuredFigure:
     """Cancel an exchange at several instants; return the longest time to the next answer.
 
@@ -351,6 +354,7 @@ async def cancel_often(
     bench : with the device
     reading : function that returns the awaitable to cancel
     check : raises NotMetError if the device does not answer as it should
+    limit_s : time limit of the check [cell s]
 
     Raises
     ------
@@ -366,9 +370,9 @@ async def cancel_often(
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
         require(was_done or task.cancelled(), "the cancellation was swallowed")
-        took_s = await timed(bench, bench.bounds.answer_s, check(), "after a cancellation")
+        took_s = await timed(bench, limit_s, check(), "after a cancellation")
         longest_s = max(longest_s, took_s)
-    limit_ms = bench.clock.patience_s(bench.bounds.answer_s) * 1e3
+    limit_ms = bench.clock.patience_s(limit_s) * 1e3
     return MeasuredFigure(longest_s * 1e3, "ms", limit_ms, "until the next answer")
 
 

@@ -51,7 +51,11 @@ STATUS_WORDS: Final = {
 PAYLOAD_IMAGES: Final = (1, 5)  # arvbuffer.h, ArvBufferPayloadType: image, extended chunk data
 _NEVER_ADJUST: Final = 0  # arvgvdevice.h, ArvGvPacketSizeAdjustment
 _NO_PACKET_SOCKET: Final = 1  # arvgvstream.h, ArvGvStreamOption
-_SOCKET_BUFFER_AUTO: Final = 1  # arvgvstream.h, ArvGvStreamSocketBuffer
+_SOCKET_BUFFER_FIXED: Final = 0  # arvgvstream.h, ArvGvStreamSocketBuffer
+_INT_TYPE: Final = 6 << 2  # gtype.h, G_TYPE_INT
+# a socket's buffer, in sizes of a frame: the kernel counts a packet with the memory it lies in, and
+# aravis' own choice, one frame, held 155 of 164 packets (docs/protocols/genicam.md, section 4)
+SOCKET_FRAMES: Final = 2
 
 # arvuvstream.c and arvgvstream.c, names of arv_stream_get_info_uint64_by_name: of every stream, and
 # of one over a network alone
@@ -239,6 +243,7 @@ _GOBJECT_PROTOTYPES: Final[dict[str, tuple[Any, tuple[Any, ...]]]] = {
     "g_object_set_property": (None, (c_void_p, c_char_p, POINTER(_GValue))),
     "g_value_init": (c_void_p, (POINTER(_GValue), c_size_t)),
     "g_value_set_enum": (None, (POINTER(_GValue), c_int)),
+    "g_value_set_int": (None, (POINTER(_GValue), c_int)),
 }
 
 # the list of devices is one for the process, and is made anew by each search
@@ -533,18 +538,26 @@ class Stream:
         self._library, self._stream = library, stream
         self._statistics = _STATISTICS + (_NETWORK_STATISTICS if is_gige else ())
         if is_gige:
-            self._widen_socket()
+            self._widen_socket(SOCKET_FRAMES * max(sizes))
         for size in sizes:
             buffer = library.call("arv_buffer_new_allocate", size)
             library.call("arv_stream_push_buffer", stream, buffer)
 
-    def _widen_socket(self) -> None:
-        """Have the socket take a whole frame, so that a late reader loses no packet."""
-        value = _GValue()
-        kind = self._library.call("arv_gv_stream_socket_buffer_get_type")
-        self._library.call("g_value_init", byref(value), kind)
-        self._library.call("g_value_set_enum", byref(value), _SOCKET_BUFFER_AUTO)
-        self._library.call("g_object_set_property", self._stream, b"socket-buffer", byref(value))
+    def _widen_socket(self, size: int) -> None:
+        """Have the socket take a whole frame, so that a late reader loses no packet.
+
+        The kernel grants no more than its ``net.core.rmem_max``.
+        """
+        call = self._library.call
+        kind = call("arv_gv_stream_socket_buffer_get_type")
+        for name, of_type, assign, wanted in (
+            (b"socket-buffer", kind, "g_value_set_enum", _SOCKET_BUFFER_FIXED),
+            (b"socket-buffer-size", _INT_TYPE, "g_value_set_int", size),
+        ):
+            value = _GValue()
+            call("g_value_init", byref(value), of_type)
+            call(assign, byref(value), wanted)
+            call("g_object_set_property", self._stream, name, byref(value))
 
     def pop(self, timeout_s: float = 0.0) -> Received | None:
         """Return the next buffer within a time [s of the wall]; None if there is none."""

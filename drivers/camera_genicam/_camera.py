@@ -278,7 +278,17 @@ class Camera:
 
     def _hint(self, before: CameraStats) -> str:
         """Return what to check in the network when no whole frame has come."""
-        size = self.identity().packet_size
+        identity = self.identity()
+        size, now = identity.packet_size, self._stats
+        if not size:
+            return ""
+        came = now.incomplete_count - before.incomplete_count
+        full = came * identity.full_packet_count
+        if came and now.missing_packet_count - before.missing_packet_count < full:
+            return (
+                "; packets come, but not all: raise `net.core.rmem_max` of this computer, or give "
+                "the cameras a card of their own"
+            )
         if size > USUAL_PACKET_SIZE:
             # of a frame, the two packets without pixels are small
             return say(
@@ -287,10 +297,7 @@ class Camera:
                 size=size,
                 usual_packet_size=USUAL_PACKET_SIZE,
             )
-        came = self._stats.incomplete_count - before.incomplete_count
-        if came or not size:
-            return ""
-        return "; a firewall must let UDP from the camera through"
+        return "" if came else "; a firewall must let UDP from the camera through"
 
     # --- on the thread --------------------------------------------------------------------------
 

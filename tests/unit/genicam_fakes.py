@@ -111,6 +111,7 @@ class FakeCamera:
     popped_count: int = 0
     released: list[int] = field(default_factory=list)
     statistics: dict[str, int] = field(default_factory=dict)
+    properties: dict[str, int] = field(default_factory=dict)  # of the stream
 
     def execute(self, command: str) -> None:
         """Obey a command."""
@@ -243,9 +244,15 @@ class _Functions:
 
     def g_value_init(self, value: Any, kind: int) -> None: ...
 
-    def g_value_set_enum(self, value: Any, entry: int) -> None: ...
+    def g_value_set_enum(self, value: Any, entry: int) -> None:
+        value._obj.data[0] = entry
 
-    def g_object_set_property(self, handle: int, name: bytes, value: Any) -> None: ...
+    def g_value_set_int(self, value: Any, number: int) -> None:
+        value._obj.data[0] = number
+
+    def g_object_set_property(self, handle: int, name: bytes, value: Any) -> None:
+        assert handle == STREAM
+        self.camera.properties[name.decode()] = value._obj.data[0]
 
     # --- the camera ---------------------------------------------------------------------------
 

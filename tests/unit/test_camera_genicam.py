@@ -462,8 +462,24 @@ async def test_packets_larger_than_usual_are_named_where_no_frame_is_whole(
     connect: Connect, fake: FakeCamera
 ) -> None:
     fake.usual = Shot(status=2)  # leader and trailer, which are small, arrive
-    with pytest.raises(ReplyTimeoutError, match=r"incomplete; if packets of 9000 .* to 1500"):
+    fake.statistics["n_missing_packets"] = 1000  # more than two frames have
+    with pytest.raises(ReplyTimeoutError, match=r"missing packet; if packets of 9000 .* to 1500"):
         await connect(packet_size=9000, frame_late_s=0.3)
+
+
+async def test_a_computer_that_is_too_slow_for_its_packets_is_named(
+    connect: Connect, fake: FakeCamera
+) -> None:
+    fake.usual = Shot(status=2)
+    fake.statistics["n_missing_packets"] = 1  # of the 8 that one frame has
+    with pytest.raises(ReplyTimeoutError, match=r"incomplete, 1 missing .*rmem_max"):
+        await connect(packet_size=40, frame_late_s=0.3)
+
+
+async def test_a_socket_takes_two_frames(connect: Connect, fake: FakeCamera) -> None:
+    await connect()
+    # a frame of the fake has a payload of twice its pixels
+    assert fake.properties == {"socket-buffer": 0, "socket-buffer-size": 4 * WIDTH * HEIGHT}
 
 
 # --- depth ---------------------------------------------------------------------------------------
