@@ -109,6 +109,30 @@ def test_a_stepped_hole_is_two_bores_and_a_ledge() -> None:
     assert ledge.area_mm2 == pytest.approx(polygon_area(8, 64) - polygon_area(4, 48))
 
 
+def countersunk(gap_mm: float, segments: tuple[int, int] = (37, 53)) -> Solid:
+    """A plate with a bore of 5.5 mm and a cone of 90 degrees, narrowest at z = -0.5, over it."""
+    cone = Body.cylinder(3.5, 2.75 + gap_mm, 6.25 + gap_mm, segments[1]).translate((0, 0, -0.5))
+    return solid_of(box(40, 40, 5) - rod(2.75, 20, segments[0]) - cone)
+
+
+@pytest.mark.parametrize("segments", [(37, 53), (24, 31), (53, 37), (48, 48)])
+def test_a_countersink_as_wide_as_its_bore_is_one_cone(segments: tuple[int, int]) -> None:
+    solid = countersunk(0.0, segments)
+    assert_bookkeeping(solid)
+    assert sorted(f.kind for f in solid.faces) == ["cone", "cylinder"] + 6 * ["plane"]
+    (cone,) = by_kind(solid, "cone")
+    assert cone.half_angle_rad == pytest.approx(np.pi / 4, abs=1e-3)
+    (wall,) = by_kind(solid, "cylinder")
+    assert wall.concave
+    # some of its corners, the cone's, lie on its chords
+    chord_mm = 2.75 * (1 - np.cos(np.pi / segments[0]))
+    assert 2.75 - chord_mm < wall.radius_mm < 2.7501
+
+
+def test_a_ledge_of_a_twentieth_below_a_countersink_stays_a_plane() -> None:
+    assert len(by_kind(countersunk(0.05), "plane")) == 7
+
+
 def test_a_boss_stands_apart_from_the_plate_it_stands_on() -> None:
     solid = solid_of(box(60, 60, 10) + rod(8, 20, 48).translate((10, 0, 10)))
     assert_bookkeeping(solid)

@@ -68,6 +68,11 @@ class Pieces:
             [self._lies_on(primitive, facets[some], tolerance_mm) for some in spans(len(facets))]
         )
 
+    def is_near(self, primitive: Primitive, facets: IntArray, tolerance_mm: float) -> bool:
+        """Return True if all corners of a piece are near a surface, whatever its normals."""
+        vertices = self._triangles[rows(self.facets.start, facets)].ravel()
+        return bool((np.abs(primitive.distances(self._vertices[vertices])) <= tolerance_mm).all())
+
     def _lies_on(self, primitive: Primitive, facets: IntArray, tolerance_mm: float) -> BoolArray:
         f = self.facets
         at = rows(f.start, facets)

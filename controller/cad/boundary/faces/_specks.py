@@ -2,9 +2,11 @@
 
 Tessellations of free surfaces, and of walls near their seams, have single facets larger than
 those round them. Such a facet looks like a plane, but its rim runs smoothly into its neighbour.
+Where a cone and a bore of one diameter have different segments, crescents remain between them.
 """
 
 import numpy as np
+import trimesh
 
 from controller.arrays import BoolArray, IntArray
 
@@ -83,4 +85,38 @@ def _absorbed_once(
         if fits:
             given[mine] = taker
             done.add(speck)
+    return given
+
+
+def crescents_absorbed(
+    mesh: trimesh.Trimesh,
+    facets: Facets,
+    pieces: Pieces,
+    owner: IntArray,
+    primitives: list[Primitive | None],
+) -> IntArray:
+    """Return owners (m,) with planes as narrow as a chord is off its arc given to a curved wall.
+
+    Parameters
+    ----------
+    mesh : the part
+    facets, pieces, owner, primitives : as for `specks_absorbed`
+    """
+    count = len(primitives)
+    kinds = np.array([p.kind if p is not None else "freeform" for p in primitives])
+    areas = np.bincount(owner, weights=facets.areas, minlength=count)
+    rims = np.bincount(owner, weights=facets.rims_mm, minlength=count)
+    is_narrow = (kinds == "plane") & (2 * areas < LOOSE_MM * rims)
+    if not is_narrow.any():
+        return owner
+    takes = (kinds != "plane") & (kinds != "freeform")
+    of = owner[facets.of_triangle[np.asarray(mesh.face_adjacency)]]
+    pairs = np.unique(np.concatenate([of, of[:, ::-1]]), axis=0)
+    pairs = pairs[is_narrow[pairs[:, 0]] & takes[pairs[:, 1]]]
+    given = owner.copy()
+    for crescent, wall in pairs.tolist():
+        surface = primitives[wall]
+        mine = np.nonzero(owner == crescent)[0]
+        if surface is not None and pieces.is_near(surface, mine, LOOSE_MM):
+            given[mine] = wall
     return given

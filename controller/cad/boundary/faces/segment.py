@@ -20,7 +20,7 @@ from ._facets import Facets, find_facets, rounding_mm, true_corners
 from ._growth import MAX_SEEDS, Found, Grower
 from ._neighbours import SmoothNeighbours, along_long_sides
 from ._pieces import MIN_FACETS, Pieces
-from ._specks import specks_absorbed
+from ._specks import crescents_absorbed, specks_absorbed
 
 STRIP_RATIO = 4.0  # a plane is this many times larger than the strips round it
 LONE_RATIO = 50.0  # a single triangle with smooth edges all round must be this many times larger
@@ -79,6 +79,7 @@ def search_faces(mesh: trimesh.Trimesh, max_seeds: int = MAX_SEEDS) -> FaceSearc
     _leave_rest(facets, owner, primitives)
     owner = _merged(facets, pieces, owner, primitives)
     owner = specks_absorbed(facets, pieces, owner, primitives)
+    owner = crescents_absorbed(mesh, facets, pieces, owner, primitives)
     faces, face_of_triangle = describe(mesh, owner[facets.of_triangle], primitives)
     return FaceSearch(faces, face_of_triangle, is_complete=not grower.is_spent)
 
