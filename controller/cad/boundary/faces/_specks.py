@@ -111,12 +111,14 @@ def crescents_absorbed(
         return owner
     takes = (kinds != "plane") & (kinds != "freeform")
     of = owner[facets.of_triangle[np.asarray(mesh.face_adjacency)]]
-    pairs = np.unique(np.concatenate([of, of[:, ::-1]]), axis=0)
-    pairs = pairs[is_narrow[pairs[:, 0]] & takes[pairs[:, 1]]]
+    both = (of, of[:, ::-1])
+    pairs = np.concatenate([one[is_narrow[one[:, 0]] & takes[one[:, 1]]] for one in both])
+    order = np.argsort(owner, kind="stable")
+    start = np.searchsorted(owner[order], np.arange(count + 1))
     given = owner.copy()
-    for crescent, wall in pairs.tolist():
+    for crescent, wall in np.unique(pairs, axis=0).tolist():
         surface = primitives[wall]
-        mine = np.nonzero(owner == crescent)[0]
+        mine = order[start[crescent] : start[crescent + 1]]
         if surface is not None and pieces.is_near(surface, mine, LOOSE_MM):
             given[mine] = wall
     return given
