@@ -215,6 +215,42 @@ def test_a_bore_half_behind_the_gripper_that_is_no_through_bore_is_not_shown(plu
     assert not of_half_covered(perfect() + plug).is_verified
 
 
+# a keyway, 4 mm wide and 2.3 mm deep, in a bore of 14 mm through a block
+KEY = box(4, 9.2, 60).translate((0, 4.6, 0))
+KEYED = box(46, 34, 24) - rod(7, 60, 96) - KEY
+# from front and back, slantwise past the bore's end
+SLANTED = tuple(
+    (half + turn, tilt) for half in (0, 180) for turn in (-28, 28) for tilt in (-25, 15)
+)
+
+
+def keyway_walls(body: Body) -> list[FaceEdges]:
+    """The evidence on both walls of the keyway, which are narrower than the smallest defect."""
+    nominal = PosedPart(solid_of(KEYED, "keyed"))
+    found = evidence(nominal, body, SLANTED)
+    walls = [
+        f.id
+        for f in nominal.solid.faces
+        if f.kind == "plane" and abs(f.normal[0]) > 0.9 and abs(f.centre_mm[0]) < 3
+    ]
+    assert len(walls) == 2
+    return [found.faces[wall] for wall in walls]
+
+
+def test_a_wall_of_a_keyway_through_a_bore_is_shown_by_its_edges_from_end_to_end() -> None:
+    for wall in keyway_walls(KEYED):
+        assert wall.is_verified
+        assert wall.how == "of its edges"
+
+
+@pytest.mark.parametrize("depth_mm", [24.0, 16.0])
+def test_a_keyway_that_is_filled_is_not_shown_by_the_edges_at_its_ends(depth_mm: float) -> None:
+    room = box(46, 34, depth_mm).translate((0, 0, 12 - depth_mm / 2))  # from the front
+    filled = KEYED + ((KEY - rod(7, 60, 96)) ^ room)
+    found = keyway_walls(filled)
+    assert not any(wall.is_verified for wall in found)
+
+
 def test_a_bore_out_of_place_is_not_shown() -> None:
     moved = (perfect() + rod(5, 24, 48).translate((-11, 3, 0))) - rod(5, 40, 48).translate(
         (-11, 6, 0)

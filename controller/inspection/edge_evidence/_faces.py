@@ -176,9 +176,13 @@ def prove_faces(
         elif recess is not None and not recess.is_through:
             share, how, why = _blind(edges, looks, face, floors[recess.walls])
         is_hole = solid.faces[face].concave and solid.faces[face].kind != "cone"
-        if recess is None and narrow[face] and not is_hole:
-            # A rim in place does not prove the depth of a hole: walls of bores are excluded here.
-            told = _told(edges, looks, own, side, shown.smallest_mm)
+        # A rim in place does not prove the depth of a hole: walls of bores are excluded here, and
+        # those of a keyway through one count by their edges from end to end.
+        lengthwise = np.ones(len(own), dtype=bool)
+        if recess is not None:
+            lengthwise = recess.is_through & ~np.isin(own, [i for rim in rims for i in rim.own])
+        if narrow[face] and not is_hole and lengthwise.any():
+            told = _told(edges, looks, own[lengthwise], side[lengthwise], shown.smallest_mm)
             why = say(
                 "{told_percent:.0f} % of its edges shown in place where a defect would move them",
                 told_percent=100 * told,
