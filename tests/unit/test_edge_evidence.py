@@ -224,13 +224,13 @@ SLANTED = tuple(
 )
 
 
-def keyway_walls(body: Body) -> list[FaceEdges]:
-    """The evidence on both walls of the keyway, which are narrower than the smallest defect."""
-    nominal = PosedPart(solid_of(KEYED, "keyed"))
-    found = evidence(nominal, body, SLANTED)
+def walls_across(nominal: Body, body: Body) -> list[FaceEdges]:
+    """The evidence on both walls across x, which are narrower than the smallest defect."""
+    model = PosedPart(solid_of(nominal, "nominal"))
+    found = evidence(model, body, SLANTED)
     walls = [
         f.id
-        for f in nominal.solid.faces
+        for f in model.solid.faces
         if f.kind == "plane" and abs(f.normal[0]) > 0.9 and abs(f.centre_mm[0]) < 3
     ]
     assert len(walls) == 2
@@ -238,7 +238,7 @@ def keyway_walls(body: Body) -> list[FaceEdges]:
 
 
 def test_a_wall_of_a_keyway_through_a_bore_is_shown_by_its_edges_from_end_to_end() -> None:
-    for wall in keyway_walls(KEYED):
+    for wall in walls_across(KEYED, KEYED):
         assert wall.is_verified
         assert wall.how == "of its edges"
 
@@ -247,8 +247,14 @@ def test_a_wall_of_a_keyway_through_a_bore_is_shown_by_its_edges_from_end_to_end
 def test_a_keyway_that_is_filled_is_not_shown_by_the_edges_at_its_ends(depth_mm: float) -> None:
     room = box(46, 34, depth_mm).translate((0, 0, 12 - depth_mm / 2))  # from the front
     filled = KEYED + ((KEY - rod(7, 60, 96)) ^ room)
-    found = keyway_walls(filled)
-    assert not any(wall.is_verified for wall in found)
+    assert not any(wall.is_verified for wall in walls_across(KEYED, filled))
+
+
+def test_the_walls_of_a_square_hole_need_the_light_through_it() -> None:
+    square = box(46, 34, 4) - box(2.5, 2.5, 10)
+    webbed = square + box(2.5, 2.5, 0.5)
+    assert not any("edges" in wall.how for wall in walls_across(square, square))
+    assert not any(wall.is_verified for wall in walls_across(square, webbed))
 
 
 def test_a_bore_out_of_place_is_not_shown() -> None:

@@ -180,7 +180,8 @@ def prove_faces(
         # those of a keyway through one count by their edges from end to end.
         lengthwise = np.ones(len(own), dtype=bool)
         if recess is not None:
-            lengthwise = recess.is_through & ~np.isin(own, [i for rim in rims for i in rim.own])
+            is_open = recess.is_through and _proven_without_edges(solid, recess, narrow)
+            lengthwise = is_open & ~np.isin(own, [i for rim in rims for i in rim.own])
         if narrow[face] and not is_hole and lengthwise.any():
             told = _told(edges, looks, own[lengthwise], side[lengthwise], shown.smallest_mm)
             why = say(
@@ -198,6 +199,11 @@ def prove_faces(
         else one
         for face, one in out.items()
     }
+
+
+def _proven_without_edges(solid: Solid, recess: Recess, narrow: BoolArray) -> bool:
+    """Return True if a wall of a hole has to be compared, or proven by the light through it."""
+    return any(solid.faces[wall].concave or not narrow[wall] for wall in recess.walls)
 
 
 def _told(
