@@ -54,7 +54,7 @@ _NO_PACKET_SOCKET: Final = 1  # arvgvstream.h, ArvGvStreamOption
 _SOCKET_BUFFER_FIXED: Final = 0  # arvgvstream.h, ArvGvStreamSocketBuffer
 _INT_TYPE: Final = 6 << 2  # gtype.h, G_TYPE_INT
 # a socket's buffer, in sizes of a frame: the kernel counts a packet with the memory it lies in, and
-# aravis' own choice, one frame, held 155 of 164 packets (docs/protocols/genicam.md, section 4)
+# aravis' own choice, one frame, held 155 of 164 packets (genicam.md 4)
 SOCKET_FRAMES: Final = 2
 
 # arvuvstream.c and arvgvstream.c, names of arv_stream_get_info_uint64_by_name: of every stream, and

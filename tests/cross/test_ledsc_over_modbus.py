@@ -36,6 +36,7 @@ class Bench:
     lights: LedscLights
 
     def levels(self) -> dict[str, float]:
+        self.line.catch_up()
         return {name: lamp.level for name, lamp in self.lamps.items()}
 
 

@@ -48,6 +48,7 @@ class Bench:
 
     def levels(self) -> dict[str, float]:
         """Return the light that each lamp truly gives, of the cold lamp's full light."""
+        self.line.catch_up()
         return {name: lamp.level for name, lamp in self.lamps.items()}
 
 

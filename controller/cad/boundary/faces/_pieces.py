@@ -69,7 +69,12 @@ class Pieces:
         )
 
     def is_near(self, primitive: Primitive, facets: IntArray, tolerance_mm: float) -> bool:
-        """Return True if all corners of a piece are near a surface, whatever its normals."""
+        """Return True if all corners of a piece are near a surface, whatever its normals.
+
+        Parameters
+        ----------
+        primitive, facets, tolerance_mm : as for `is_on`
+        """
         vertices = self._triangles[rows(self.facets.start, facets)].ravel()
         return bool((np.abs(primitive.distances(self._vertices[vertices])) <= tolerance_mm).all())
 
