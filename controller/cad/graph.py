@@ -1,4 +1,4 @@
-"""Connected components: triangles over their sides, facets over smooth edges."""
+"""Connected components (triangles over their sides, facets over smooth edges), and groups."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,20 @@ def components(count: int, a: NDArray[np.integer], b: NDArray[np.integer]) -> In
     """
     graph = coo_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def grouped(labels: NDArray[np.integer], count: int) -> tuple[IntArray, IntArray]:
+    """Return items by their labels (n,), and where each label's begin (count + 1,).
+
+    Those with label i are ``items[start[i]:start[i + 1]]``, in rising order.
+
+    Parameters
+    ----------
+    labels : (n,) label of each item, from 0 to below ``count``
+    count : number of labels
+    """
+    items = np.argsort(labels, kind="stable")
+    return items, np.searchsorted(labels[items], np.arange(count + 1))
 
 
 def distinct(values: NDArray[np.integer]) -> IntArray:

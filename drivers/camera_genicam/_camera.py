@@ -35,6 +35,7 @@ from ._types import CameraConfig, CameraIdentity, CameraStats, Frame, Setting
 
 HELD_CODE: Final = 16  # EBUSY, as for a V4L2 camera that another program has
 USUAL_PACKET_SIZE: Final = 1500  # every Ethernet passes it [bytes]
+PACKET_HEADER_BYTES: Final = 36  # of a packet: IP 20, UDP 8, GVSP 8 (GigE Vision 1.x)
 _HELD_POLL_S: Final = 0.25
 _HEAD: Final = struct.Struct("<I")  # length of the JSON before the pixels
 # errors that a session raises, by their names in a recording
@@ -282,9 +283,12 @@ class Camera:
         size, now = identity.packet_size, self._stats
         if not size:
             return ""
+        (form,) = (one for one in self._config.formats if one.name == identity.pixel_format)
+        frame_bytes = identity.width * identity.height * form.item_bytes
+        full_count = frame_bytes // (size - PACKET_HEADER_BYTES)
         came = now.incomplete_count - before.incomplete_count
-        full = came * identity.full_packet_count
-        if came and now.missing_packet_count - before.missing_packet_count < full:
+        missing = now.missing_packet_count - before.missing_packet_count
+        if came and missing < came * full_count:
             return (
                 "; packets come, but not all: raise `net.core.rmem_max` of this computer, or give "
                 "the cameras a card of their own"

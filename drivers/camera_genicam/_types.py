@@ -1,11 +1,8 @@
 """The input of a camera (its configuration) and its output (frames, identity, tallies)."""
 
 from dataclasses import dataclass
-from typing import Final
 
 from ._formats import Image, PixelFormat
-
-PACKET_HEADER_BYTES: Final = 36  # of a packet: IP 20, UDP 8, GVSP 8 (GigE Vision 1.x)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,14 +94,6 @@ class CameraIdentity:
     def words(self) -> str:
         """Vendor, model, serial number."""
         return " ".join(part for part in (self.vendor, self.model, self.serial) if part)
-
-    @property
-    def full_packet_count(self) -> int:
-        """How many packets of a frame are filled with pixels (GigE Vision 1.x); USB has none."""
-        if not self.packet_size:
-            return 0
-        item_bytes = 1 if self.white <= 255 else 2
-        return self.width * self.height * item_bytes // (self.packet_size - PACKET_HEADER_BYTES)
 
 
 @dataclass(slots=True)

@@ -25,14 +25,31 @@ async def one_clock(speed: float) -> AsyncIterator[tuple[SharedClock, CellClock]
         world.close()
 
 
-async def live(world: SharedClock, advance: Callable[[float], None]) -> None:
+class Living:
+    """A bench whose models live through world time.
+
+    Attributes
+    ----------
+    lived_s : instant that they have reached; the clock may be a window ahead of it [world s]
+    """
+
+    world: SharedClock
+    lived_s: float
+
+    def advance(self, dt_s: float) -> None:
+        """Let time pass for the models [world s]."""
+        raise NotImplementedError
+
+    def catch_up(self) -> None:
+        """Let the models reach the clock's instant."""
+        self.advance(self.world.now_s() - self.lived_s)
+
+
+async def live(bench: Living) -> None:
     """Let world time pass until cancelled."""
-    done_s = world.now_s()
     while True:
-        now_s = world.now_s()
-        advance(now_s - done_s)
-        done_s = now_s
-        world.tick(done_s)
+        bench.catch_up()
+        bench.world.tick(bench.lived_s)
         await asyncio.sleep(TICK_WALL_S)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from cross_bench import end, live, one_clock
+from cross_bench import Living, end, live, one_clock
 
 from drivers.clock import CellClock
 from drivers.modbus_link import (
@@ -45,14 +45,12 @@ class WatchedBus(Bus):
 
 
 @dataclass
-class ModbusBench:
+class ModbusBench(Living):
     """One line with devices on it, served and linked to.
 
     Attributes
     ----------
     trace : (sending, bytes) of everything that crossed the wire, as the driver saw it
-    lived_s : how much time has passed for the devices [world s]
-    begun_s : when they began [world s]
     """
 
     bus: WatchedBus
@@ -63,14 +61,6 @@ class ModbusBench:
     steppable: Sequence[Steppable]
     trace: list[tuple[bool, bytes]] = field(default_factory=list)
     lived_s: float = 0.0
-    begun_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        self.begun_s = self.world.now_s()
-
-    def catch_up(self, _: float = 0.0) -> None:
-        """Let the devices reach the present: the clock may be a window ahead of them."""
-        self.advance(self.world.now_s() - self.begun_s - self.lived_s)
 
     def advance(self, dt_s: float) -> None:
         # no longer than the world's own step, or a jaw would jump past what it meets
@@ -151,6 +141,6 @@ async def modbus_bench(
         )
         stack.push_async_callback(link.aclose)
         bench = ModbusBench(bus, server, link, world, clock, steppable, trace)
-        living = asyncio.create_task(live(world, bench.catch_up))
+        living = asyncio.create_task(live(bench))
         stack.push_async_callback(end, living)
         yield bench

@@ -13,7 +13,7 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Literal
 
-from cross_bench import HANG_WALL_S, end, live, one_clock
+from cross_bench import HANG_WALL_S, Living, end, live, one_clock
 
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
@@ -26,12 +26,11 @@ EMULATED = {axis: EmulatedAxis[axis.name] for axis in Axis}
 
 
 @dataclass
-class ArmBench:
+class ArmBench(Living):
     """One driver, one emulated arm, and everything that went over the line between them.
 
     Attributes
     ----------
-    lived_s : how much time has passed for the arm [world s]
     stopped_ips : IPs of the arm that have carried out a dead stop since `forget`
     """
 
@@ -227,7 +226,7 @@ async def _arm_bench(
         trace=lambda x: benches[0].hear(x),
     )
     benches.append(ArmBench(arm, model, wire, server, clock, world))
-    living = asyncio.create_task(live(world, benches[0].advance))
+    living = asyncio.create_task(live(benches[0]))
     try:
         yield benches[0]
     finally:

@@ -178,12 +178,13 @@ def prove_faces(
         is_hole = solid.faces[face].concave and solid.faces[face].kind != "cone"
         # A rim in place does not prove the depth of a hole: walls of bores are excluded here, and
         # those of a keyway through one count by their edges from end to end.
-        lengthwise = np.ones(len(own), dtype=bool)
-        if recess is not None:
-            is_open = recess.is_through and _proven_without_edges(solid, recess, narrow)
-            lengthwise = is_open & ~np.isin(own, [i for rim in rims for i in rim.own])
-        if narrow[face] and not is_hole and lengthwise.any():
-            told = _told(edges, looks, own[lengthwise], side[lengthwise], shown.smallest_mm)
+        asks_edges = narrow[face] and not is_hole
+        if asks_edges and recess is not None:
+            asks_edges = _proven_without_edges(solid, recess, narrow)
+            inner = ~np.isin(edges.edge[own], [e for mouth in mouths for e in mouth.edges])
+            own, side = own[inner], side[inner]
+        if asks_edges and len(own):
+            told = _told(edges, looks, own, side, shown.smallest_mm)
             why = say(
                 "{told_percent:.0f} % of its edges shown in place where a defect would move them",
                 told_percent=100 * told,
@@ -202,8 +203,10 @@ def prove_faces(
 
 
 def _proven_without_edges(solid: Solid, recess: Recess, narrow: BoolArray) -> bool:
-    """Return True if a wall of a hole has to be compared, or proven by the light through it."""
-    return any(solid.faces[wall].concave or not narrow[wall] for wall in recess.walls)
+    """Return True for a through hole of which a wall has to be compared, or proven by light."""
+    return recess.is_through and any(
+        solid.faces[wall].concave or not narrow[wall] for wall in recess.walls
+    )
 
 
 def _told(

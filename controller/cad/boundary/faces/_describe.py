@@ -5,6 +5,7 @@ import trimesh
 
 from controller.arrays import FloatArray, Int32Array, IntArray
 
+from ...graph import grouped
 from ...large import sums_by
 from .._types import NO_DIRECTION, Face, turn_of
 from ..formulas.primitives import Primitive
@@ -55,8 +56,7 @@ def _outward(
 ) -> FloatArray:
     """Return the sense of each face's normals: positive away from its axis or centre."""
     outward = np.zeros(len(formula))
-    order = np.argsort(face, kind="stable")
-    start = np.searchsorted(face[order], np.arange(len(formula) + 1))
+    order, start = grouped(face, len(formula))
     for i, primitive in enumerate(formula):
         if primitive is not None and primitive.kind != "plane":
             mine = order[start[i] : start[i + 1]]

@@ -7,7 +7,7 @@ import trimesh
 
 from controller.arrays import BoolArray, FloatArray, IntArray
 
-from ...graph import components, distinct
+from ...graph import components, distinct, grouped
 from ...large import ADJACENCY, drop_derived, spans, sums_by
 from .._normals import unit
 
@@ -93,8 +93,7 @@ def find_facets(mesh: trimesh.Trimesh) -> Facets:
     ends, both = np.append(a, b), np.append(lengths, lengths)
     rims = np.bincount(ends, weights=both, minlength=len(total)).astype(np.float64)
     a, b, lengths = a[smooth], b[smooth], lengths[smooth]
-    order = np.argsort(of, kind="stable")
-    start = np.concatenate([[0], np.cumsum(np.bincount(of))])
+    order, start = grouped(of, len(total))
     return Facets(of, order, start, facet_normals, middles, total, a, b, lengths, rims)
 
 

@@ -10,6 +10,7 @@ import trimesh
 
 from controller.arrays import BoolArray, IntArray
 
+from ...graph import grouped
 from ..formulas.primitives import Primitive
 from ._facets import Facets
 from ._growth import LOOSE_MM, LOOSE_SHARE
@@ -113,8 +114,7 @@ def crescents_absorbed(
     of = owner[facets.of_triangle[np.asarray(mesh.face_adjacency)]]
     both = (of, of[:, ::-1])
     pairs = np.concatenate([one[is_narrow[one[:, 0]] & takes[one[:, 1]]] for one in both])
-    order = np.argsort(owner, kind="stable")
-    start = np.searchsorted(owner[order], np.arange(count + 1))
+    order, start = grouped(owner, count)
     given = owner.copy()
     for crescent, wall in np.unique(pairs, axis=0).tolist():
         surface = primitives[wall]

@@ -12,7 +12,7 @@ import trimesh
 
 from controller.arrays import BoolArray, Int32Array, IntArray
 
-from ...graph import components
+from ...graph import components, grouped
 from .._types import Face
 from ..formulas.primitives import Primitive
 from ._describe import describe
@@ -100,9 +100,8 @@ def _surfaces(facets: Facets, grower: Grower, curved: BoolArray) -> list[Found]:
     inner = curved[facets.a] & curved[facets.b]
     a, b = facets.a[inner], facets.b[inner]
     run = components(facets.count, a, b)
-    order = np.argsort(run, kind="stable")
     sizes = np.bincount(run)
-    start = np.concatenate([[0], np.cumsum(sizes)])
+    order, start = grouped(run, len(sizes))
     links, strips = SmoothNeighbours(facets.count, a, b), along_long_sides(facets, inner)
     free = curved.copy()
     areas = np.bincount(run, weights=facets.areas)
@@ -117,8 +116,7 @@ def _surfaces(facets: Facets, grower: Grower, curved: BoolArray) -> list[Found]:
     touched = np.zeros(len(sizes), dtype=bool)
     for piece in found:
         touched[rest[links.of(piece.facets)]] = True
-    order = np.argsort(rest, kind="stable")
-    start = np.searchsorted(rest[order], np.arange(len(sizes) + 1))
+    order, start = grouped(rest, len(sizes))
     for i in np.nonzero(touched & (sizes >= MIN_FACETS))[0].tolist():
         piece_facets = order[start[i] : start[i + 1]]
         whole = grower.whole(piece_facets)
@@ -191,8 +189,7 @@ def _merged(
     pairs = np.unique(np.sort(np.column_stack([a, b])[a != b], axis=1), axis=0)
     kinds = np.array([p.kind if p is not None else "freeform" for p in primitives])
     pairs = pairs[(kinds[pairs] != "freeform").all(axis=1)]
-    order = np.argsort(owner, kind="stable")
-    start = np.searchsorted(owner[order], np.arange(len(primitives) + 1))
+    order, start = grouped(owner, len(primitives))
     areas = np.bincount(owner, weights=facets.areas, minlength=len(primitives))
     # most planes of a noisy part are far from their neighbours': not worth a closer look
     flat = (kinds[pairs] == "plane").all(axis=1)

@@ -11,6 +11,8 @@ import numpy as np
 
 from controller.arrays import FloatArray, IntArray
 
+from ...graph import grouped
+
 KINDS: Final = (
     "plane",
     "cylinder",
@@ -55,8 +57,7 @@ def merge_faces(found: dict[str, Any]) -> tuple[dict[str, Any], IntArray]:
 
 def _points_by_face(found: dict[str, Any]) -> list[FloatArray]:
     of = found["face_of_triangle"]
-    order = np.argsort(of, kind="stable")
-    ends = np.searchsorted(of[order], np.arange(len(found["kind"]) + 1))
+    order, ends = grouped(of, len(found["kind"]))
     corners = found["triangles"][order]
     vertices = found["vertices_mm"]
     return [vertices[np.unique(corners[start:end])] for start, end in pairwise(ends)]
